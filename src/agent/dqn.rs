@@ -1,0 +1,250 @@
+//! Deep Q-learning (Mnih et al. 2015, "Human-level control through deep reinforcement learning", algorithm 1).
+
+use serde::{Deserialize, Serialize};
+
+use super::{Exploration, Minibatch, Policy, Replay, ReplayConfig, Transition, UpdateMode, argmax, td};
+use crate::nn::{Activations, Adam, AdamConfig, Loss, Mlp, NetworkConfig};
+use crate::rng::{Rng, Stream};
+
+/// When to learn.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearnConfig {
+    /// Environment steps between learning steps, at least 1.
+    pub every_steps: u64,
+    /// Minibatches per learning step, at least 1.
+    pub updates: u32,
+}
+
+/// Settings of [`Dqn`]; each is a key of the config.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)]
+pub struct DqnConfig {
+    pub network: NetworkConfig,
+    pub optimizer: AdamConfig,
+    pub loss: Loss,
+    pub gamma: f64,
+    pub replay: ReplayConfig,
+    pub learn: LearnConfig,
+    pub exploration: Exploration,
+    pub target: TargetUpdate,
+    pub truncation_is_terminal: bool,
+}
+
+/// The agent.
+#[derive(Clone, Debug)]
+pub struct Dqn {
+    config: DqnConfig,
+    /// Chooses the actions and learns.
+    pub online: Mlp<f32>,
+    /// Bootstraps the targets: an older copy of `online`. Without a target network it is copied at each update.
+    pub target: Mlp<f32>,
+    /// The optimiser of `online`.
+    pub adam: Adam<f32>,
+    /// What has happened.
+    pub replay: Replay,
+    /// Probability of a random action.
+    pub epsilon: f64,
+    /// Draws exploration.
+    pub explore_rng: Rng,
+    /// Draws minibatches.
+    pub replay_rng: Rng,
+    buffers: Buffers,
+}
+
+/// Memory of an update and of acting, allocated once; nothing in it outlives a call.
+#[derive(Clone, Debug)]
+struct Buffers {
+    ages: Vec<usize>,
+    minibatch: Minibatch,
+    targets: Vec<f32>,
+    online: Activations<f32>,
+    target: Activations<f32>,
+    gradient: Mlp<f32>,
+    acting: Activations<f32>,
+}
+
+/// A loss or a weight became NaN or infinite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NotFinite {
+    /// The loss of a minibatch.
+    #[error("the loss")]
+    Loss,
+    /// A weight after Adam's step.
+    #[error("a weight")]
+    Weight,
+}
+
+impl Dqn {
+    /// An agent that knows nothing yet, its streams spawned from `seed`.
+    pub fn new(config: DqnConfig, observation_size: usize, num_actions: usize, seed: u64) -> Self {
+        let online =
+            Mlp::new(&config.network, observation_size, num_actions, &mut Rng::spawn(seed, Stream::Init));
+        let batch_size = match config.replay.update {
+            UpdateMode::Minibatch => config.replay.batch_size,
+            UpdateMode::PerSample => 1,
+        };
+        let buffers = Buffers {
+            ages: vec![0; config.replay.batch_size],
+            minibatch: Minibatch::new(batch_size, observation_size),
+            targets: vec![0.0; batch_size],
+            online: Activations::new(online.sizes(), batch_size),
+            target: Activations::new(online.sizes(), batch_size),
+            gradient: Mlp::zeros(online.sizes().to_vec()),
+            acting: Activations::new(online.sizes(), 1),
+        };
+        Self {
+            target: online.clone(),
+            adam: Adam::new(config.optimizer, online.parameters().len()),
+            replay: Replay::new(config.replay.capacity, observation_size),
+            epsilon: config.exploration.initial_epsilon(),
+            explore_rng: Rng::spawn(seed, Stream::Explore),
+            replay_rng: Rng::spawn(seed, Stream::Replay),
+            online,
+            buffers,
+            config,
+        }
+    }
+
+    /// Remembers what an action brought.
+    pub fn observe(&mut self, transition: Transition) {
+        let terminated =
+            transition.terminated || (transition.truncated && self.config.truncation_is_terminal);
+        self.replay.push(Transition { terminated, ..transition });
+    }
+
+    /// Whether the agent learns after environment step `env_steps`.
+    pub fn learns_at(&self, env_steps: u64) -> bool {
+        env_steps % self.config.learn.every_steps == 0
+            && env_steps >= self.config.replay.warmup_steps
+            && self.replay.len() >= self.config.replay.batch_size
+    }
+
+    /// One learning step; returns its mean loss.
+    pub fn learn(&mut self) -> Result<f32, NotFinite> {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for _ in 0..self.config.learn.updates {
+            let mut ages = std::mem::take(&mut self.buffers.ages);
+            self.replay.sample(&mut self.replay_rng, &mut ages);
+            for ages in ages.chunks_exact(self.buffers.targets.len()) {
+                self.replay.gather(ages, &mut self.buffers.minibatch);
+                sum += self.update()?;
+                count += 1.0;
+            }
+            self.buffers.ages = ages;
+        }
+        Ok(sum / count)
+    }
+
+    /// One gradient step on the minibatch; returns its loss.
+    fn update(&mut self) -> Result<f32, NotFinite> {
+        let Buffers { minibatch, targets, online, target, gradient, .. } = &mut self.buffers;
+        if self.config.target == TargetUpdate::None {
+            self.target.copy_from(&self.online);
+        }
+        let gamma = self.config.gamma as f32;
+
+        target.input_mut().copy_from(&minibatch.next_observations);
+        self.target.forward(target);
+        td::targets(gamma, &minibatch.rewards, &minibatch.terminated, target.output(), targets);
+
+        online.input_mut().copy_from(&minibatch.observations);
+        self.online.forward(online);
+        let (q, q_gradient) = online.output_and_gradient_mut();
+        let loss = td::loss(self.config.loss, q, &minibatch.actions, targets, q_gradient);
+
+        self.online.backward(online, gradient);
+        let finite = self.adam.step(self.online.parameters_mut(), gradient.parameters());
+
+        match (loss.is_finite(), finite) {
+            (false, _) => Err(NotFinite::Loss),
+            (true, false) => Err(NotFinite::Weight),
+            (true, true) => Ok(loss),
+        }
+    }
+}
+
+impl Dqn {
+    /// Follows the schedules of ε and of the target network after environment step `env_steps`.
+    pub fn after_step(&mut self, env_steps: u64) {
+        self.epsilon = self.config.exploration.after_step(self.epsilon, env_steps);
+        if let TargetUpdate::EverySteps(period) = self.config.target
+            && env_steps % period == 0
+        {
+            self.target.copy_from(&self.online);
+        }
+    }
+
+    /// Follows the schedules after episode `episode`, counted from 0.
+    pub fn after_episode(&mut self, episode: u64) {
+        self.epsilon = self.config.exploration.after_episode(self.epsilon);
+        if let TargetUpdate::EveryEpisodes(period) = self.config.target
+            && episode % period == 0
+        {
+            self.target.copy_from(&self.online);
+        }
+    }
+}
+
+impl Policy for Dqn {
+    /// ε-greedy: a random action if a uniform draw is at most ε, else the one with the largest Q-value.
+    fn act(&mut self, observation: &[f32]) -> usize {
+        if self.explore_rng.unit() <= self.epsilon {
+            return self.explore_rng.below(self.buffers.acting.output().ncols() as u64) as usize;
+        }
+        self.buffers.acting.input_mut().copy_from_slice(observation);
+        self.online.forward(&mut self.buffers.acting);
+        argmax(self.buffers.acting.output(), 0)
+    }
+
+    fn q_values(&self) -> &[f32] {
+        self.buffers.acting.output().as_slice()
+    }
+}
+
+/// How the target network follows the online network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "WrittenTarget", into = "WrittenTarget")]
+pub enum TargetUpdate {
+    /// `{"kind": "hard", "every_episodes": N}`: copied after every N-th episode, the very first one included.
+    EveryEpisodes(u64),
+    /// `{"kind": "hard", "every_steps": N}`: copied after every N-th environment step.
+    EverySteps(u64),
+    /// `{"kind": "none"}`: no target network, the online network bootstraps itself.
+    None,
+}
+
+/// [`TargetUpdate`] as it is written.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+enum WrittenTarget {
+    Hard(Period),
+    None,
+}
+
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Period {
+    EveryEpisodes(u64),
+    EverySteps(u64),
+}
+
+impl From<WrittenTarget> for TargetUpdate {
+    fn from(target: WrittenTarget) -> Self {
+        match target {
+            WrittenTarget::Hard(Period::EveryEpisodes(period)) => Self::EveryEpisodes(period),
+            WrittenTarget::Hard(Period::EverySteps(period)) => Self::EverySteps(period),
+            WrittenTarget::None => Self::None,
+        }
+    }
+}
+
+impl From<TargetUpdate> for WrittenTarget {
+    fn from(target: TargetUpdate) -> Self {
+        match target {
+            TargetUpdate::EveryEpisodes(period) => Self::Hard(Period::EveryEpisodes(period)),
+            TargetUpdate::EverySteps(period) => Self::Hard(Period::EverySteps(period)),
+            TargetUpdate::None => Self::None,
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! The baseline: every action with the same probability.
+
+use super::Policy;
+use crate::rng::Rng;
+
+/// Acts at random.
+#[derive(Clone, Debug)]
+pub struct Random {
+    num_actions: usize,
+    rng: Rng,
+}
+
+impl Random {
+    /// Uniform over `num_actions` actions.
+    pub fn new(num_actions: usize, rng: Rng) -> Self {
+        Self { num_actions, rng }
+    }
+}
+
+impl Policy for Random {
+    fn act(&mut self, _observation: &[f32]) -> usize {
+        self.rng.below(self.num_actions as u64) as usize
+    }
+
+    fn q_values(&self) -> &[f32] {
+        &[]
+    }
+}

@@ -1,0 +1,300 @@
+//! Replay memory (Lin 1992): a ring of the latest transitions, sampled uniformly.
+//!
+//! Structure of arrays, one slot per transition. Each observation is stored once: the next observation of a
+//! transition is the observation in the following slot, and the final observation of an episode, which no slot
+//! follows, has its own place in `finals`. One slot is spare, so that the newest transition has a following slot
+//! when the ring is full. With four numbers an observation a transition takes 22 bytes and one bit.
+
+use std::collections::VecDeque;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use crate::rng::Rng;
+
+/// Settings of the replay memory.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReplayConfig {
+    /// Transitions that the memory holds before it overwrites the oldest, 1…100,000,000.
+    pub capacity: usize,
+    /// Transitions in a minibatch, 1…65,536 and at most `capacity`.
+    pub batch_size: usize,
+    /// Environment steps before the first update; less than the budget.
+    pub warmup_steps: u64,
+    /// How a minibatch is used.
+    pub update: UpdateMode,
+}
+
+/// How a minibatch is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UpdateMode {
+    /// One gradient step on the mean loss of the minibatch (Mnih et al. 2015).
+    Minibatch,
+    /// One gradient step per transition, one after another (the tutorial).
+    PerSample,
+}
+
+/// One step of experience.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transition<'a> {
+    /// What the agent saw.
+    pub observation: &'a [f32],
+    /// What it did.
+    pub action: usize,
+    /// What it got.
+    pub reward: f32,
+    /// What it saw then.
+    pub next_observation: &'a [f32],
+    /// Whether the value of `next_observation` is 0.
+    pub terminated: bool,
+    /// Whether the episode was cut off.
+    pub truncated: bool,
+}
+
+/// A batch of transitions, gathered for an update. Observations are (batch, features), the rest (batch).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Minibatch {
+    /// s
+    pub observations: DMatrix<f32>,
+    /// a
+    pub actions: Vec<u8>,
+    /// r
+    pub rewards: Vec<f32>,
+    /// s′
+    pub next_observations: DMatrix<f32>,
+    /// Whether the value of s′ is 0.
+    pub terminated: Vec<bool>,
+}
+
+impl Minibatch {
+    /// Room for `batch_size` transitions.
+    pub fn new(batch_size: usize, observation_size: usize) -> Self {
+        Self {
+            observations: DMatrix::zeros(batch_size, observation_size),
+            actions: vec![0; batch_size],
+            rewards: vec![0.0; batch_size],
+            next_observations: DMatrix::zeros(batch_size, observation_size),
+            terminated: vec![false; batch_size],
+        }
+    }
+}
+
+/// How the episode went on after a transition.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+enum End {
+    Continues,
+    Truncated,
+    Terminated,
+}
+
+/// What a memory of n transitions holds, the oldest first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReplayContents {
+    /// (n, observation)
+    pub observations: Vec<f32>,
+    /// (n)
+    pub actions: Vec<u8>,
+    /// (n)
+    pub rewards: Vec<f32>,
+    /// (n): 0 the episode goes on, 1 it was truncated, 2 it terminated.
+    pub ends: Vec<u8>,
+    /// The next observations of those that ended an episode, and of the newest; every other next observation is
+    /// the observation of the following transition.
+    pub next_observations: Vec<f32>,
+}
+
+/// The ring.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    capacity: usize,
+    observation_size: usize,
+    /// (capacity + 1 slots, observation)
+    observations: Vec<f32>,
+    actions: Vec<u8>,
+    rewards: Vec<f32>,
+    ends: Vec<End>,
+    /// The slots whose transition ended an episode, the oldest first, and the observations it ended with.
+    final_slots: VecDeque<usize>,
+    final_observations: VecDeque<f32>,
+    /// Slot of the oldest transition.
+    oldest: usize,
+    len: usize,
+    /// One bit per age: whether it is already in the minibatch being drawn.
+    drawn: Vec<u64>,
+}
+
+impl Replay {
+    /// An empty memory for `capacity` transitions.
+    pub fn new(capacity: usize, observation_size: usize) -> Self {
+        let slots = capacity + 1;
+        Self {
+            capacity,
+            observation_size,
+            observations: vec![0.0; slots * observation_size],
+            actions: vec![0; slots],
+            rewards: vec![0.0; slots],
+            ends: vec![End::Continues; slots],
+            final_slots: VecDeque::new(),
+            final_observations: VecDeque::new(),
+            oldest: 0,
+            len: 0,
+            drawn: vec![0; capacity.div_ceil(64)],
+        }
+    }
+
+    /// Transitions in the memory.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Remembers a transition and forgets the oldest if the memory is full.
+    pub fn push(&mut self, transition: Transition) {
+        if self.len == self.capacity {
+            if self.final_slots.front() == Some(&self.oldest) {
+                self.final_slots.pop_front();
+                self.final_observations.drain(..self.observation_size);
+            }
+            self.oldest = self.following(self.oldest);
+            self.len -= 1;
+        }
+        let slot = self.slot(self.len);
+        self.len += 1;
+        self.actions[slot] = transition.action as u8;
+        self.rewards[slot] = transition.reward;
+        self.observation_mut(slot).copy_from_slice(transition.observation);
+        self.ends[slot] = match (transition.terminated, transition.truncated) {
+            (true, _) => End::Terminated,
+            (false, true) => End::Truncated,
+            (false, false) => End::Continues,
+        };
+        if self.ends[slot] == End::Continues {
+            let following = self.following(slot);
+            self.observation_mut(following).copy_from_slice(transition.next_observation);
+        } else {
+            self.final_slots.push_back(slot);
+            self.final_observations.extend(transition.next_observation);
+        }
+    }
+
+    /// Draws distinct transitions uniformly, as ages from 0, the oldest, one for each of `ages`; there must be
+    /// enough.
+    pub fn sample(&mut self, rng: &mut Rng, ages: &mut [usize]) {
+        debug_assert!(ages.len() <= self.len);
+        for age in &mut *ages {
+            *age = loop {
+                let age = rng.below(self.len as u64) as usize;
+                let (word, bit) = (age / 64, 1 << (age % 64));
+                if self.drawn[word] & bit == 0 {
+                    self.drawn[word] |= bit;
+                    break age;
+                }
+            };
+        }
+        for age in ages {
+            self.drawn[*age / 64] = 0;
+        }
+    }
+
+    /// Copies the transitions of these ages into a minibatch of as many.
+    pub fn gather(&self, ages: &[usize], minibatch: &mut Minibatch) {
+        for (sample, &age) in ages.iter().enumerate() {
+            let slot = self.slot(age);
+            minibatch.actions[sample] = self.actions[slot];
+            minibatch.rewards[sample] = self.rewards[slot];
+            minibatch.terminated[sample] = self.ends[slot] == End::Terminated;
+            for (feature, &value) in self.observation(slot).iter().enumerate() {
+                minibatch.observations[(sample, feature)] = value;
+            }
+            for (feature, value) in self.next_observation(slot).enumerate() {
+                minibatch.next_observations[(sample, feature)] = value;
+            }
+        }
+    }
+
+    /// Everything in the memory, the oldest first.
+    pub fn contents(&self) -> ReplayContents {
+        let mut contents = ReplayContents::default();
+        for age in 0..self.len {
+            let slot = self.slot(age);
+            contents.observations.extend(self.observation(slot));
+            contents.actions.push(self.actions[slot]);
+            contents.rewards.push(self.rewards[slot]);
+            contents.ends.push(self.ends[slot] as u8);
+            if self.ends[slot] != End::Continues || age + 1 == self.len {
+                contents.next_observations.extend(self.next_observation(slot));
+            }
+        }
+        contents
+    }
+
+    /// Pushes `contents` in their order; returns whether they fit together and into this memory.
+    #[must_use]
+    pub fn restore(&mut self, contents: &ReplayContents, num_actions: usize) -> bool {
+        let ReplayContents { observations, actions, rewards, ends, next_observations } = contents;
+        let (size, len) = (self.observation_size, actions.len());
+        let fits = len <= self.capacity
+            && (observations.len(), rewards.len(), ends.len()) == (len * size, len, len)
+            && actions.iter().all(|&action| usize::from(action) < num_actions)
+            && ends.iter().all(|&end| end <= End::Terminated as u8);
+        if !fits {
+            return false;
+        }
+        let mut nexts = next_observations.chunks_exact(size);
+        for age in 0..len {
+            let continues = ends[age] == End::Continues as u8 && age + 1 < len;
+            let following = if continues { observations.get((age + 1) * size..) } else { nexts.next() };
+            let Some(next_observation) = following.and_then(|following| following.get(..size)) else {
+                return false;
+            };
+            self.push(Transition {
+                observation: &observations[age * size..][..size],
+                action: usize::from(actions[age]),
+                reward: rewards[age],
+                next_observation,
+                terminated: ends[age] == End::Terminated as u8,
+                truncated: ends[age] == End::Truncated as u8,
+            });
+        }
+        nexts.next().is_none() && nexts.remainder().is_empty()
+    }
+
+    fn slot(&self, age: usize) -> usize {
+        let slot = self.oldest + age;
+        if slot > self.capacity { slot - self.capacity - 1 } else { slot }
+    }
+
+    fn following(&self, slot: usize) -> usize {
+        if slot == self.capacity { 0 } else { slot + 1 }
+    }
+
+    fn age(&self, slot: usize) -> usize {
+        if slot >= self.oldest { slot - self.oldest } else { slot + self.capacity + 1 - self.oldest }
+    }
+
+    fn observation(&self, slot: usize) -> &[f32] {
+        &self.observations[slot * self.observation_size..][..self.observation_size]
+    }
+
+    fn observation_mut(&mut self, slot: usize) -> &mut [f32] {
+        &mut self.observations[slot * self.observation_size..][..self.observation_size]
+    }
+
+    fn next_observation(&self, slot: usize) -> impl Iterator<Item = f32> {
+        let (ring, finals) = if self.ends[slot] == End::Continues {
+            (self.observation(self.following(slot)), 0..0)
+        } else {
+            let age = self.age(slot);
+            let index = self.final_slots.partition_point(|&slot| self.age(slot) < age);
+            (&[][..], index * self.observation_size..(index + 1) * self.observation_size)
+        };
+        ring.iter().chain(self.final_observations.range(finals)).copied()
+    }
+}

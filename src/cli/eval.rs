@@ -1,0 +1,184 @@
+//! `cartpole-dqn eval`
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+
+use super::run_dir::checkpoint_of;
+use super::{Failure, print, print_json};
+use crate::agent::{Greedy, Policy, Random};
+use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::env::{CartPole, Environment, TimeLimit};
+use crate::files::write_whole;
+use crate::rng::Rng;
+use crate::trainer::{Score, evaluate, play};
+
+type Task = TimeLimit<CartPole>;
+
+/// Play a trained policy and score it.
+///
+/// Episode i is Gymnasium's CartPole-v1 after reset(seed = SEED + i), so every score can be repeated there.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: cartpole-dqn eval --checkpoint runs/my-run --episodes 100 --min-mean 475")]
+pub(super) struct Arguments {
+    /// A checkpoint, a safetensors file of a torch.nn.Sequential, or a run's folder (its best, else its last)
+    #[arg(long, value_name = "FILE", required_unless_present = "policy", conflicts_with = "policy")]
+    checkpoint: Option<PathBuf>,
+    /// Play a policy that needs no checkpoint
+    #[arg(long)]
+    policy: Option<Baseline>,
+    /// Number of episodes
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    episodes: u64,
+    /// Gymnasium seed of the first episode; the others follow
+    #[arg(long, value_name = "S", default_value_t = 2_000_000)]
+    seed: u64,
+    /// Exit with code 1 if the mean return is below this
+    #[arg(long, value_name = "X", value_parser = finite, allow_negative_numbers = true)]
+    min_mean: Option<f64>,
+    /// Write every step to this file, one JSON object a line
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Print the score as JSON, alone on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Baseline {
+    /// Every action with the same probability
+    Random,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    episodes: u64,
+    seed: u64,
+    mean: f64,
+    std: f64,
+    min: f64,
+    median: f64,
+    max: f64,
+    solved: bool,
+    returns: &'a [f64],
+}
+
+/// One line of `--trace`.
+#[derive(Serialize)]
+struct TraceLine<'a> {
+    episode: u64,
+    seed: u64,
+    step: u64,
+    state: &'a [f64],
+    action: usize,
+    q_values: &'a [f32],
+    reward: f32,
+    terminated: bool,
+    truncated: bool,
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "expected a finite number".into())
+}
+
+pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
+    if arguments.seed.checked_add(arguments.episodes - 1).is_none() {
+        return Err(Failure::BadInput(format!(
+            "--seed {} + --episodes {} goes past the largest seed, {}",
+            arguments.seed,
+            arguments.episodes,
+            u64::MAX
+        )));
+    }
+    let returns = match &arguments.checkpoint {
+        Some(path) => play_all(&mut load_policy(path)?, &arguments)?,
+        None => play_all(&mut Random::new(Task::NUM_ACTIONS, Rng::from_seed(arguments.seed)), &arguments)?,
+    };
+    let score = Score::new(&returns);
+    if arguments.json {
+        print_json(&report(&score, &returns, arguments.seed))?;
+    } else {
+        print(&describe(&score, &returns, &arguments))?;
+    }
+    match arguments.min_mean {
+        Some(minimum) if score.mean < minimum => {
+            Err(Failure::Failed(format!("mean return {:.2} is below --min-mean {minimum}", score.mean)))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The greedy policy of a checkpoint or of a run's folder.
+fn load_policy(path: &Path) -> Result<Greedy, Failure> {
+    let path = checkpoint_of(path)?;
+    let policy = Checkpoint::read(&path)?
+        .policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS)
+        .map_err(|problem| CheckpointError { path, problem })?;
+    Ok(Greedy::new(policy))
+}
+
+fn play_all(policy: &mut impl Policy, arguments: &Arguments) -> Result<Vec<f64>, Failure> {
+    let Some(path) = &arguments.trace else {
+        return Ok(evaluate(policy, &CartPole::v1(), arguments.seed, arguments.episodes));
+    };
+    let mut returns = Vec::new();
+    write_whole(path, |file| {
+        for episode in 0..arguments.episodes {
+            returns.push(trace_episode(policy, episode, arguments.seed + episode, file)?);
+        }
+        Ok(())
+    })
+    .map_err(|error| Failure::BadInput(format!("cannot write --trace {}: {error}", path.display())))?;
+    Ok(returns)
+}
+
+fn trace_episode(policy: &mut impl Policy, episode: u64, seed: u64, file: &mut dyn Write) -> io::Result<f64> {
+    play(policy, CartPole::v1(), seed, |traced| {
+        let line = TraceLine {
+            episode,
+            seed,
+            step: traced.step,
+            state: traced.state,
+            action: traced.action,
+            q_values: traced.q_values,
+            reward: traced.outcome.reward,
+            terminated: traced.outcome.terminated,
+            truncated: traced.outcome.truncated,
+        };
+        serde_json::to_writer(&mut *file, &line)?;
+        file.write_all(b"\n")
+    })
+}
+
+fn report<'a>(score: &Score, returns: &'a [f64], seed: u64) -> Report<'a> {
+    let Score { episodes, mean, std, min, median, max } = *score;
+    Report { episodes, seed, mean, std, min, median, max, solved: score.solves(Task::SOLVED_RETURN), returns }
+}
+
+fn describe(score: &Score, returns: &[f64], arguments: &Arguments) -> String {
+    let Score { episodes, mean, std, min, median, max } = score;
+    let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
+    let full =
+        returns.iter().filter(|&&value| value >= Task::MAX_RETURN).count() as f64 * 100.0 / *episodes as f64;
+    let solved = match (score.solves(Task::SOLVED_RETURN), *episodes >= 100) {
+        (true, _) => "yes",
+        (false, true) => "no",
+        (false, false) => "open: it takes at least 100 episodes",
+    };
+    format!(
+        "\
+mean return    {mean:.2}{interval}
+std            {std:.2}
+min/median/max {min} / {median} / {max}
+at {:<11} {full:.0} % of episodes
+episodes       {episodes}, Gymnasium's seeds {} to {}
+solved         {solved} (CartPole-v1: mean ≥ {} over at least 100 episodes)
+",
+        Task::MAX_RETURN,
+        arguments.seed,
+        arguments.seed + (episodes - 1),
+        Task::SOLVED_RETURN,
+    )
+}

@@ -1,0 +1,99 @@
+//! The command line: one file per command. Only here is printed, and only here an exit code chosen.
+
+mod eval;
+mod inspect;
+mod run_dir;
+mod train;
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::checkpoint::CheckpointError;
+use crate::config::ConfigError;
+use crate::trainer::TrainError;
+
+/// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
+///
+/// Exit codes: 0 done, 1 failed (or below --min-mean), 2 wrong usage or bad input.
+#[derive(Debug, Parser)]
+#[command(version, about, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Train(train::Arguments),
+    Eval(eval::Arguments),
+    Inspect(inspect::Arguments),
+}
+
+/// Why a command ended without success.
+#[derive(Debug)]
+enum Failure {
+    /// Something the user gave cannot be used: exit code 2.
+    BadInput(String),
+    /// It was tried and failed: exit code 1.
+    Failed(String),
+}
+
+impl From<ConfigError> for Failure {
+    fn from(error: ConfigError) -> Self {
+        Self::BadInput(error.to_string())
+    }
+}
+
+impl From<CheckpointError> for Failure {
+    fn from(error: CheckpointError) -> Self {
+        Self::BadInput(error.to_string())
+    }
+}
+
+impl From<TrainError> for Failure {
+    fn from(error: TrainError) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+impl Failure {
+    fn message(&self) -> &str {
+        let (Self::BadInput(message) | Self::Failed(message)) = self;
+        message
+    }
+}
+
+/// Runs the command that the process was started with.
+pub fn run() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Train(arguments) => train::run(arguments),
+        Command::Eval(arguments) => eval::run(arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+    };
+    let Err(failure) = result else { return ExitCode::SUCCESS };
+    // A closed stderr leaves nobody to tell.
+    let _ = writeln!(io::stderr(), "error: {}", failure.message());
+    match failure {
+        Failure::BadInput(_) => ExitCode::from(2),
+        Failure::Failed(_) => ExitCode::FAILURE,
+    }
+}
+
+/// Prints to stdout. A reader that has gone away (`| head`) is no failure.
+fn print(text: &str) -> Result<(), Failure> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Failed(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints one JSON value alone on stdout.
+fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string(value).map_err(|error| Failure::Failed(error.to_string()))?;
+    print(&(text + "\n"))
+}

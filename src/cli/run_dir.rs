@@ -1,0 +1,121 @@
+//! The folder of one run.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::Failure;
+
+const CONFIG: &str = "config.json";
+const METRICS: &str = "metrics.jsonl";
+const SUMMARY: &str = "summary.json";
+const CHECKPOINTS: &str = "checkpoints";
+const BEST: &str = "best.safetensors";
+const LAST: &str = "last.safetensors";
+
+/// A run's folder and the paths in it.
+#[derive(Debug)]
+pub(super) struct RunDir {
+    path: PathBuf,
+}
+
+impl RunDir {
+    /// Makes the folder of a new run. One with anything in it is refused, unless `force` is set and there is
+    /// nothing in it but a run, which is then removed.
+    pub(super) fn create(path: &Path, force: bool) -> Result<Self, Failure> {
+        let run = Self { path: path.to_owned() };
+        let is_empty = match fs::read_dir(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => true,
+            Err(error) => return Err(bad(path, &format!("cannot be used for a run: {error}"))),
+            Ok(mut entries) => entries.next().is_none(),
+        };
+        if !is_empty && !force {
+            return Err(bad(path, "is not empty; choose another --out, or --force to replace the run in it"));
+        }
+        if !is_empty {
+            run.remove_run().map_err(|reason| bad(path, &reason))?;
+        }
+        let missing: Vec<&Path> =
+            path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
+        run.make_folders().map_err(|error| {
+            // What this call has made goes again; what was there is not empty and stays.
+            let _ = fs::remove_dir(run.checkpoints());
+            missing.iter().for_each(|path| drop(fs::remove_dir(path)));
+            bad(path, &format!("cannot be written: {error}"))
+        })?;
+        Ok(run)
+    }
+
+    fn make_folders(&self) -> io::Result<()> {
+        fs::create_dir_all(self.checkpoints())?;
+        tempfile::tempfile_in(&self.path).map(drop)
+    }
+
+    /// Removes a run's files, after making sure that there are no others.
+    fn remove_run(&self) -> Result<(), String> {
+        let own = [self.config(), self.metrics(), self.summary(), self.best(), self.last()];
+        let unreadable = |error: io::Error| format!("cannot be read: {error}");
+        if !self.config().is_file() {
+            return Err(format!(
+                "is not a run (it has no {CONFIG}); --force replaces a run and nothing else"
+            ));
+        }
+        let mut entries = Vec::new();
+        for folder in [&self.path, &self.checkpoints()] {
+            if folder.is_dir() {
+                entries.extend(fs::read_dir(folder).map_err(unreadable)?);
+            }
+        }
+        for entry in entries {
+            let path = entry.map_err(unreadable)?.path();
+            if path != self.checkpoints() && !own.contains(&path) {
+                return Err(format!(
+                    "holds {}, which is no file of a run; --force replaces a run and nothing else",
+                    path.display()
+                ));
+            }
+        }
+        for path in own.iter().filter(|path| path.exists()) {
+            fs::remove_file(path)
+                .map_err(|error| format!("cannot be replaced: {}: {error}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+    pub(super) fn config(&self) -> PathBuf {
+        self.path.join(CONFIG)
+    }
+    pub(super) fn metrics(&self) -> PathBuf {
+        self.path.join(METRICS)
+    }
+    pub(super) fn summary(&self) -> PathBuf {
+        self.path.join(SUMMARY)
+    }
+    pub(super) fn checkpoints(&self) -> PathBuf {
+        self.path.join(CHECKPOINTS)
+    }
+    pub(super) fn best(&self) -> PathBuf {
+        self.checkpoints().join(BEST)
+    }
+    pub(super) fn last(&self) -> PathBuf {
+        self.checkpoints().join(LAST)
+    }
+}
+
+/// The checkpoint that a user means: the file itself, or of a run's folder the best, else the last.
+pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
+    let run = RunDir { path: path.to_owned() };
+    [run.best(), run.last()].into_iter().find(|file| file.is_file()).ok_or_else(|| {
+        bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run"))
+    })
+}
+
+fn bad(path: &Path, problem: &str) -> Failure {
+    Failure::BadInput(format!("folder {} {problem}", path.display()))
+}

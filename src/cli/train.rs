@@ -1,0 +1,144 @@
+//! `cartpole-dqn train`
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+
+use super::run_dir::RunDir;
+use super::{Failure, print, print_json};
+use crate::config::{self, Config};
+use crate::env::CartPole;
+use crate::files::write_whole;
+use crate::sink::{Console, JsonLines};
+use crate::trainer::{EndReason, EventSink, Summary, Trainer};
+
+/// The default config, `configs/cartpole.json`.
+const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
+const DEFAULT_NAME: &str = "cartpole";
+
+/// Train an agent.
+///
+/// Writes a folder with the resolved config, metrics, a summary and checkpoints.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
+)]
+pub(super) struct Arguments {
+    /// Config file (JSON); without it the built-in default, configs/cartpole.json
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Seed of the run, 0…2⁶⁴−1; wins over config and --set
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Set one config key, for instance optimizer.learning_rate=0.001; repeatable
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Folder for the run [default: runs/<config name>-s<seed>-<UTC time>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace the run that is in the folder
+    #[arg(long)]
+    force: bool,
+    /// Show no progress and no summary
+    #[arg(long)]
+    quiet: bool,
+    /// Print the summary as JSON, alone on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
+    let config = resolve(&arguments)?;
+    let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments, &config));
+    let run = RunDir::create(&out, arguments.force)?;
+    save_json(&run.config(), &config)?;
+
+    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(open_metrics(&run)?)];
+    if !arguments.quiet {
+        sinks.push(Box::new(Console::new(config.budget)));
+    }
+    let start = Instant::now();
+    let mut trainer = Trainer::new(config, CartPole::v1());
+    let reason = trainer.run(&mut sinks, Some(&run.checkpoints())).map_err(|error| {
+        let kept = if run.last().is_file() { "the last good checkpoint is" } else { "what was written is" };
+        Failure::Failed(format!("{error}; {kept} kept in {}", run.path().display()))
+    })?;
+    let summary = trainer.summary(reason, start.elapsed().as_secs_f64());
+    save_json(&run.summary(), &summary)?;
+    drop(sinks);
+
+    match (arguments.json, arguments.quiet) {
+        (true, _) => print_json(&summary),
+        (false, true) => Ok(()),
+        (false, false) => print(&describe(&summary, &run)),
+    }
+}
+
+/// Defaults < file < `--set` < `--seed`.
+fn resolve(arguments: &Arguments) -> Result<Config, Failure> {
+    let file = arguments.config.as_deref().map(|path| Ok::<_, Failure>((path, config::read_file(path)?)));
+    let file = file.transpose()?;
+    let name = file.as_ref().map(|(path, _)| path.display().to_string());
+    let layer = match (&name, &file) {
+        (Some(name), Some((_, text))) => (name.as_str(), text.as_str()),
+        _ => ("the built-in config", DEFAULT_CONFIG),
+    };
+    let seed = arguments.seed.map(|seed| format!("seed={seed}"));
+    let sets: Vec<String> = arguments.set.iter().cloned().chain(seed).collect();
+    Ok(Config::from_layers(Some(layer), &sets)?)
+}
+
+fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
+    let stem = arguments.config.as_deref().and_then(Path::file_stem);
+    let name = stem.map_or(DEFAULT_NAME.into(), |stem| stem.to_string_lossy());
+    let time = jiff::Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ");
+    Path::new("runs").join(format!("{name}-s{}-{time}", config.seed))
+}
+
+fn open_metrics(run: &RunDir) -> Result<JsonLines, Failure> {
+    let path = run.metrics();
+    JsonLines::create(&path).map_err(|error| unwritable(&path, &error))
+}
+
+fn save_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Failure> {
+    write_whole(path, |file| {
+        serde_json::to_writer_pretty(&mut *file, value)?;
+        file.write_all(b"\n")
+    })
+    .map_err(|error| unwritable(path, &error))
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::Failed(format!("cannot write {}: {error}", path.display()))
+}
+
+fn describe(summary: &Summary, run: &RunDir) -> String {
+    let Summary { env_steps, episodes, updates, seed, wall_seconds, .. } = summary;
+    let evaluation = |evaluation: Option<crate::trainer::Evaluation>| {
+        evaluation
+            .map_or_else(|| "none".into(), |e| format!("mean return {:.1} at step {}", e.mean, e.env_steps))
+    };
+    let ended = match summary.end_reason {
+        EndReason::Budget => "budget used up",
+        EndReason::Solved => "solved",
+    };
+    let solved = summary.solved_at_step.map_or_else(|| "not".into(), |step| format!("first at step {step}"));
+    format!(
+        "\
+trained    {env_steps} steps, {episodes} episodes, {updates} updates in {wall_seconds:.2} s (seed {seed}; {ended})
+best       {}
+final      {}
+solved     {solved}
+weights    sha256 {}
+run        {path}
+
+Evaluate it on episodes that it has not seen:
+  cartpole-dqn eval --checkpoint {path}
+",
+        evaluation(summary.best_evaluation),
+        evaluation(summary.final_evaluation),
+        summary.weights_sha256,
+        path = run.path().display(),
+    )
+}

@@ -1,0 +1,310 @@
+//! The config of a run: defaults < config file < `--set key.path=value`.
+//!
+//! Each [`Layer`] is read as a flat map (`"budget.steps"` → value) and held against one table, `KEYS`; they are
+//! then merged into a [`Config`], and what binds several keys is checked last. A new key is a field, its default and
+//! a line of `KEYS`; a new alternative of a group is a line of `alternatives`.
+
+mod layer;
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use layer::{Layer, choose, invalid, object};
+
+use crate::agent::{DqnConfig, Exploration, LearnConfig, ReplayConfig, TargetUpdate, UpdateMode};
+use crate::env::EnvironmentId;
+use crate::nn::{AdamConfig, Init, Loss, NetworkConfig};
+use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
+
+/// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Seed of every random stream of the run, 0…2⁶⁴ − 1.
+    pub seed: u64,
+    /// The task.
+    pub environment: EnvironmentId,
+    /// The Q-network.
+    pub network: NetworkConfig,
+    /// Adam.
+    pub optimizer: AdamConfig,
+    /// The loss of a TD error.
+    pub loss: Loss,
+    /// Discount factor per step, 0…1.
+    pub gamma: f64,
+    /// The replay memory and how it is used.
+    pub replay: ReplayConfig,
+    /// When to learn.
+    pub learn: LearnConfig,
+    /// The schedule of ε.
+    pub exploration: Exploration,
+    /// The target network.
+    pub target: TargetUpdate,
+    /// Whether a truncated transition zeroes the bootstrap as a terminated one does (the tutorial's mistake).
+    pub truncation_is_terminal: bool,
+    /// When the run ends.
+    pub budget: Budget,
+    /// The greedy evaluations during training.
+    pub evaluation: EvaluationConfig,
+    /// How often `checkpoints/last.safetensors` is written.
+    pub checkpoint: CheckpointConfig,
+    /// Whether the run ends at the first evaluation that solves the task.
+    pub stop_when_solved: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            environment: EnvironmentId::CartPoleV1,
+            network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
+            optimizer: AdamConfig { learning_rate: 1e-3, beta1: 0.9, beta2: 0.999, epsilon: 1e-8 },
+            loss: Loss::Mse,
+            gamma: 0.99,
+            replay: ReplayConfig {
+                capacity: 50_000,
+                batch_size: 32,
+                warmup_steps: 1000,
+                update: UpdateMode::Minibatch,
+            },
+            learn: LearnConfig { every_steps: 1, updates: 1 },
+            exploration: Exploration::Linear { initial: 1.0, final_: 0.05, steps: 10_000 },
+            target: TargetUpdate::EverySteps(500),
+            truncation_is_terminal: false,
+            budget: Budget::Steps(50_000),
+            evaluation: EvaluationConfig { every_steps: 1000, episodes: 20 },
+            checkpoint: CheckpointConfig { every_steps: 10_000 },
+            stop_when_solved: false,
+        }
+    }
+}
+
+/// The groups of which a config holds one alternative, each alternative with its defaults. The first of a group is
+/// the default; alternatives of the same name (their string) differ by their keys.
+fn alternatives(default: &Config) -> [(&'static str, Vec<Map<String, Value>>); 3] {
+    let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995 };
+    let every_episodes = TargetUpdate::EveryEpisodes(10);
+    [
+        ("exploration", vec![object(default.exploration), object(per_episode)]),
+        ("target", vec![object(default.target), object(every_episodes), object(TargetUpdate::None)]),
+        ("budget", vec![object(default.budget), object(Budget::Episodes(500))]),
+    ]
+}
+
+/// Every key and what it may hold. What binds several keys is in [`Config::check_combinations`].
+const KEYS: &[(&str, Allowed)] = &[
+    ("$schema", Allowed::Text),
+    ("seed", Allowed::Integer(0, u64::MAX)),
+    ("environment", Allowed::OneOf(&["CartPole-v1"])),
+    ("network.hidden", Allowed::LayerSizes),
+    ("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"])),
+    ("optimizer.learning_rate", POSITIVE),
+    ("optimizer.beta1", BELOW_ONE),
+    ("optimizer.beta2", BELOW_ONE),
+    ("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", |x| (1e-30..=1.0).contains(&x))),
+    ("loss", Allowed::OneOf(&["mse", "huber"])),
+    ("gamma", UNIT),
+    ("replay.capacity", Allowed::Integer(1, 100_000_000)),
+    ("replay.batch_size", Allowed::Integer(1, 65_536)),
+    ("replay.warmup_steps", Allowed::Integer(0, u64::MAX)),
+    ("replay.update", Allowed::OneOf(&["minibatch", "per_sample"])),
+    ("learn.every_steps", PERIOD),
+    ("learn.updates", Allowed::Integer(1, u32::MAX as u64)),
+    ("exploration.schedule", Allowed::OneOf(&["per_episode", "linear"])),
+    ("exploration.initial", UNIT),
+    ("exploration.final", UNIT),
+    ("exploration.decay", POSITIVE),
+    ("exploration.steps", PERIOD),
+    ("target.kind", Allowed::OneOf(&["hard", "none"])),
+    ("target.every_steps", PERIOD),
+    ("target.every_episodes", PERIOD),
+    ("truncation_is_terminal", Allowed::Bool),
+    ("budget.steps", PERIOD),
+    ("budget.episodes", PERIOD),
+    ("evaluation.every_steps", PERIOD),
+    ("evaluation.episodes", Allowed::Integer(1, 100_000)),
+    ("checkpoint.every_steps", PERIOD),
+    ("stop_when_solved", Allowed::Bool),
+];
+
+const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
+const UNIT: Allowed = Allowed::Number("from 0 to 1", |x| (0.0..=1.0).contains(&x));
+const BELOW_ONE: Allowed = Allowed::Number("from 0 to below 1", |x| (0.0..1.0).contains(&x));
+const POSITIVE: Allowed = Allowed::Number("above 0 and at most 1", |x| x > 0.0 && x <= 1.0);
+
+/// What a key may hold.
+enum Allowed {
+    Bool,
+    Text,
+    OneOf(&'static [&'static str]),
+    /// From the first to the last, both included.
+    Integer(u64, u64),
+    /// The range in words and as a predicate.
+    Number(&'static str, fn(f64) -> bool),
+    LayerSizes,
+}
+
+impl Allowed {
+    fn admits(&self, value: &Value) -> bool {
+        match self {
+            Self::Bool => value.is_boolean(),
+            Self::Text => value.is_string(),
+            Self::OneOf(names) => value.as_str().is_some_and(|name| names.contains(&name)),
+            Self::Integer(low, high) => value.as_u64().is_some_and(|n| (*low..=*high).contains(&n)),
+            Self::Number(_, holds) => value.as_f64().is_some_and(holds),
+            Self::LayerSizes => value.as_array().is_some_and(|sizes| {
+                sizes.len() <= 16 && sizes.iter().all(|size| Self::Integer(1, 4096).admits(size))
+            }),
+        }
+    }
+}
+
+impl fmt::Display for Allowed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bool => write!(f, "true or false"),
+            Self::Text => write!(f, "a string"),
+            Self::OneOf(names) => write!(f, "\"{}\"", names.join("\" or \"")),
+            Self::Integer(low, u64::MAX) => write!(f, "an integer from {low} to 2^64 - 1"),
+            Self::Integer(low, high) => write!(f, "an integer from {low} to {high}"),
+            Self::Number(range, _) => write!(f, "a number {range}"),
+            Self::LayerSizes => write!(f, "a list of at most 16 integers, each from 1 to 4096"),
+        }
+    }
+}
+
+/// Why there is no config. An `origin` is the name of a file, or `--set`.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
+pub enum ConfigError {
+    /// The file cannot be read, is too large or is not UTF-8.
+    #[error("cannot read {}: {source}", path.display())]
+    Read { path: PathBuf, source: io::Error },
+    /// Not JSON, or not an object; the source says where and why.
+    #[error("{origin}: {source}")]
+    Json { origin: String, source: serde_json::Error },
+    /// A `--set` without `=`.
+    #[error("--set {set}: expected key.path=value, for example --set gamma=0.9")]
+    Set { set: String },
+    /// A key that is unknown, comes twice or belongs to another alternative.
+    #[error("{origin}: {problem} `{key}`; {hint}")]
+    Key { origin: String, problem: &'static str, key: String, hint: String },
+    /// A value of a wrong type or out of range.
+    #[error("{origin}: `{key}` is {value}; allowed: {allowed}")]
+    Value { origin: String, key: String, value: String, allowed: String },
+}
+
+impl Config {
+    /// Merges the defaults, a file (its name for messages, and its text) and the `key.path=value`s of `--set`, which
+    /// together are one layer. A value is JSON if it parses as JSON, or else a string.
+    ///
+    /// # Errors
+    /// The first thing that is wrong in a layer, or between layers.
+    pub fn from_layers(file: Option<(&str, &str)>, sets: &[String]) -> Result<Self, ConfigError> {
+        let mut layers = Vec::new();
+        if let Some((name, text)) = file {
+            layers.push(Layer::from_json(name, text)?);
+        }
+        if !sets.is_empty() {
+            layers.push(Layer::from_sets(sets)?);
+        }
+        let default = Self::default();
+        let mut root = json!(default);
+        for (key, value) in layers.iter().flat_map(|layer| &layer.values) {
+            // Only a key of an alternative can be missing in the default; those are merged below.
+            if let Some(slot) = root.pointer_mut(&format!("/{}", key.replace('.', "/"))) {
+                *slot = value.clone();
+            }
+        }
+        for (group, alternatives) in alternatives(&default) {
+            root[group] = choose(group, &alternatives, &layers)?.into();
+        }
+        let origin = layers.iter().map(|layer| layer.origin.as_str()).collect::<Vec<_>>().join(" with ");
+        let config: Self = serde_json::from_value(root)
+            .map_err(|source| ConfigError::Json { origin: origin.clone(), source })?;
+        config.check_combinations(&origin)?;
+        Ok(config)
+    }
+
+    /// Checks every value, and what binds several keys.
+    ///
+    /// # Errors
+    /// The first key that is out of range.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        Layer::from_json("config", &json!(self).to_string())?;
+        self.check_combinations("config")
+    }
+
+    fn check_combinations(&self, origin: &str) -> Result<(), ConfigError> {
+        let ReplayConfig { capacity, batch_size, warmup_steps, .. } = self.replay;
+        let every = self.learn.every_steps;
+        let (Exploration::PerEpisode { initial, final_, .. } | Exploration::Linear { initial, final_, .. }) =
+            self.exploration;
+        // The learning step in which the memory holds enough; the warm-up alone would leave nothing to train.
+        let first_update = warmup_steps.max(batch_size as u64).checked_next_multiple_of(every);
+        let least_steps = first_update.unwrap_or(u64::MAX).max(warmup_steps.saturating_add(1));
+        let steps = if let Budget::Steps(steps) = self.budget { steps } else { u64::MAX };
+
+        let at_most = |key: &str, limit: Value| format!("at most `{key}`, which is {limit}");
+        let enough = format!(
+            "at least {least_steps}, or nothing is learned (`replay.warmup_steps` is {warmup_steps}, \
+             `replay.batch_size` {batch_size}, `learn.every_steps` {every})"
+        );
+        let rules = [
+            (
+                batch_size <= capacity,
+                "replay.batch_size",
+                json!(batch_size),
+                at_most("replay.capacity", json!(capacity)),
+            ),
+            (
+                final_ <= initial,
+                "exploration.final",
+                json!(final_),
+                at_most("exploration.initial", json!(initial)),
+            ),
+            (steps >= least_steps, "budget.steps", json!(steps), enough),
+        ];
+        match rules.into_iter().find(|(holds, ..)| !holds) {
+            Some((_, key, value, allowed)) => Err(invalid(origin, key, &value, allowed)),
+            None => Ok(()),
+        }
+    }
+
+    /// The agent's part.
+    pub fn dqn(&self) -> DqnConfig {
+        DqnConfig {
+            network: self.network.clone(),
+            optimizer: self.optimizer,
+            loss: self.loss,
+            gamma: self.gamma,
+            replay: self.replay.clone(),
+            learn: self.learn.clone(),
+            exploration: self.exploration,
+            target: self.target,
+            truncation_is_terminal: self.truncation_is_terminal,
+        }
+    }
+}
+
+/// Reads a config file of at most 1 MiB.
+///
+/// # Errors
+/// The file cannot be opened or read, is larger, or is not UTF-8.
+pub fn read_file(path: &Path) -> Result<String, ConfigError> {
+    const MAX_BYTES: u64 = 1 << 20;
+    let read = || {
+        let mut bytes = Vec::new();
+        File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+        if bytes.len() as u64 > MAX_BYTES {
+            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
+        }
+        String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+    };
+    read().map_err(|source| ConfigError::Read { path: path.into(), source })
+}

@@ -1,0 +1,201 @@
+//! One source of settings: its keys and values, and how the sources are merged.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::iter::once;
+
+use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use super::{ConfigError, KEYS};
+
+/// The keys that one source sets, each known and within its range.
+pub(super) struct Layer {
+    pub(super) origin: String,
+    /// Path of a key → value.
+    pub(super) values: BTreeMap<String, Value>,
+}
+
+impl Layer {
+    pub(super) fn from_json(origin: &str, text: &str) -> Result<Self, ConfigError> {
+        let Members(members) = serde_json::from_str(text.trim_start_matches('\u{feff}'))
+            .map_err(|source| ConfigError::Json { origin: origin.into(), source })?;
+        let mut layer = Self { origin: origin.into(), values: BTreeMap::new() };
+        for (key, node) in members {
+            layer.insert(key, node)?;
+        }
+        layer.checked()
+    }
+
+    pub(super) fn from_sets(sets: &[String]) -> Result<Self, ConfigError> {
+        let mut layer = Self { origin: "--set".into(), values: BTreeMap::new() };
+        for set in sets {
+            let (key, text) = set.split_once('=').ok_or_else(|| ConfigError::Set { set: shown(set) })?;
+            let mut one = Self { origin: "--set".into(), values: BTreeMap::new() };
+            one.insert(key.into(), serde_json::from_str(text).unwrap_or_else(|_| Node::Leaf(text.into())))?;
+            layer.values.extend(one.values);
+        }
+        layer.checked()
+    }
+
+    /// Adds what `node` holds; an object also as `{}` under its own path, so that it is noticed when it comes twice.
+    fn insert(&mut self, key: String, node: Node) -> Result<(), ConfigError> {
+        let value = match node {
+            Node::Leaf(value) => whole(value),
+            Node::Object(Members(members)) => {
+                for (name, member) in members {
+                    self.insert(format!("{key}.{name}"), member)?;
+                }
+                json!({})
+            }
+        };
+        match self.values.insert(key.clone(), value) {
+            None => Ok(()),
+            Some(_) => Err(key_error(&self.origin, "duplicate key", &key, "a key may come once".into())),
+        }
+    }
+
+    /// Holds the layer against [`KEYS`] and leaves only what it sets.
+    fn checked(mut self) -> Result<Self, ConfigError> {
+        for (key, value) in &self.values {
+            let members = keys_in(&format!("{key}."));
+            let allowed = match KEYS.iter().find(|(known, _)| known == key) {
+                Some((_, allowed)) if allowed.admits(value) => continue,
+                Some((_, allowed)) => allowed.to_string(),
+                None if members.is_empty() => {
+                    return Err(key_error(&self.origin, "unknown key", key, nearest_key(key)));
+                }
+                None if value.is_object() => continue,
+                None => format!("an object with {members}"),
+            };
+            return Err(invalid(&self.origin, key, value, allowed));
+        }
+        self.values.retain(|key, value| key != "$schema" && !value.is_object());
+        Ok(self)
+    }
+}
+
+/// Merges one group over the layers. A layer chooses an alternative by its name, or by a key among those of the same
+/// name. What it shares with the former choice stays; other keys of lower layers go.
+pub(super) fn choose(
+    group: &str,
+    alternatives: &[Map<String, Value>],
+    layers: &[Layer],
+) -> Result<Map<String, Value>, ConfigError> {
+    let member = |path: &str| Some(path.strip_prefix(group)?.strip_prefix('.')?.to_string());
+    let mut chosen = &alternatives[0];
+    let mut values = Map::new();
+    for Layer { origin, values: layer } in layers {
+        let own: Map<_, _> =
+            layer.iter().filter_map(|(path, value)| Some((member(path)?, value.clone()))).collect();
+        let same_name = |alternative: &&Map<String, Value>| {
+            let mut names = alternative.iter().filter(|(_, value)| value.is_string());
+            names.all(|(key, name)| own.get(key).or(chosen.get(key)) == Some(name))
+        };
+        let foreign_key = |alternative: &Map<_, _>| own.keys().find(|key| !alternative.contains_key(*key));
+        let candidates: Vec<_> = once(chosen).chain(alternatives).filter(same_name).collect();
+        let fitting = candidates.iter().find(|candidate| foreign_key(candidate).is_none());
+        chosen = fitting.ok_or_else(|| {
+            let nearest = candidates.first().unwrap_or(&chosen);
+            let key = format!("{group}.{}", foreign_key(nearest).map_or("", String::as_str));
+            let all = alternatives.iter().map(shape).collect::<Vec<_>>().join(" or ");
+            let hint = format!("`{group}` is {} here, and can be {all}", shape(nearest));
+            key_error(origin, "misplaced key", &key, hint)
+        })?;
+        values.extend(own);
+        values.retain(|key, _| chosen.contains_key(key));
+    }
+    Ok(chosen.clone().into_iter().chain(values).collect())
+}
+
+/// The keys of an alternative, and its name: `{"kind": "hard", "every_steps"}`.
+fn shape(alternative: &Map<String, Value>) -> String {
+    let member = |(key, value): (&String, &Value)| match value {
+        Value::String(name) => format!("\"{key}\": \"{name}\""),
+        _ => format!("\"{key}\""),
+    };
+    format!("{{{}}}", alternative.iter().map(member).collect::<Vec<_>>().join(", "))
+}
+
+/// An object of JSON as a list: a map would hide a duplicate key.
+struct Members(Vec<(String, Node)>);
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Node {
+    Object(Members),
+    Leaf(Value),
+}
+
+impl<'de> Deserialize<'de> for Members {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Object;
+        impl<'de> Visitor<'de> for Object {
+            type Value = Members;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "an object with settings")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Members, A::Error> {
+                std::iter::from_fn(|| map.next_entry().transpose()).collect::<Result<_, _>>().map(Members)
+            }
+        }
+        deserializer.deserialize_map(Object)
+    }
+}
+
+/// `1000.0` and `1e3` as the integer that they are, in a list too.
+fn whole(value: Value) -> Value {
+    match (value.as_f64(), value) {
+        (_, Value::Array(list)) => list.into_iter().map(whole).collect(),
+        (Some(x), Value::Number(n)) if n.is_f64() && x.fract() == 0.0 && (0.0..9e15).contains(&x) => {
+            json!(x as u64)
+        }
+        (_, value) => value,
+    }
+}
+
+pub(super) fn object(value: impl Serialize) -> Map<String, Value> {
+    if let Value::Object(map) = json!(value) { map } else { Map::new() }
+}
+
+/// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages; empty without any.
+fn keys_in(prefix: &str) -> String {
+    let below = KEYS.iter().filter_map(|(key, _)| key.strip_prefix(prefix)?.split('.').next());
+    let mut keys: Vec<_> = below.map(|key| format!("`{key}`")).collect();
+    keys.dedup();
+    keys.join(", ")
+}
+
+fn nearest_key(key: &str) -> String {
+    const MAX_LENGTH: usize = 64;
+    let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_string();
+    // The right name in the wrong group counts almost as much.
+    let likeness = |known: &str| {
+        let like = strsim::normalized_damerau_levenshtein;
+        like(key, known).max(0.9 * like(&last(key), &last(known)))
+    };
+    let known = KEYS.iter().filter(|_| key.len() <= MAX_LENGTH).map(|(known, _)| (likeness(known), known));
+    let nearest = known.max_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(likeness, _)| *likeness > 0.6);
+    let siblings = key.split_once('.').map_or(String::new(), |(group, _)| keys_in(&format!("{group}.")));
+    match nearest {
+        Some((_, known)) => format!("did you mean `{known}`?"),
+        None if siblings.is_empty() => format!("allowed: {}", keys_in("")),
+        None => format!("allowed: {siblings}"),
+    }
+}
+
+fn key_error(origin: &str, problem: &'static str, key: &str, hint: String) -> ConfigError {
+    ConfigError::Key { origin: origin.into(), problem, key: shown(key), hint }
+}
+
+pub(super) fn invalid(origin: &str, key: &str, value: &Value, allowed: String) -> ConfigError {
+    ConfigError::Value { origin: origin.into(), key: key.into(), value: shown(&value.to_string()), allowed }
+}
+
+/// A user's text, short and without control characters.
+fn shown(text: &str) -> String {
+    text.chars().take(80).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}

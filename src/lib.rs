@@ -1,0 +1,33 @@
+//! Deep Q-learning on CartPole-v1, by hand and reproducible to the last bit.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`rng`] | one seed, one stream of random numbers per consumer |
+//! | [`env`](mod@env) | the cart and the pole, and the time limit |
+//! | [`nn`] | network, backpropagation, losses, Adam, and their kernels |
+//! | [`agent`] | DQN: acting, remembering, learning |
+//! | [`trainer`] | the loop, its events, evaluation |
+//! | [`config`] | the JSON files that decide a run |
+//! | [`checkpoint`] | `.safetensors` files |
+//! | [`sink`] | who takes the events: metrics file, progress bar |
+//!
+//! The arrows: `rng, env, nn <- agent <- trainer <- cli`.
+//!
+//! # Glossary
+//! - *observation, next_observation*: s and s′, what the agent sees before and after an action.
+//! - *terminated*: the task has ended, what follows is worth 0. *truncated*: cut off from outside, it is not.
+//! - *return*: undiscounted sum of an episode's rewards.
+//! - *online, target*: the network that learns, and the older copy that values the next observation.
+//! - *td_target, td_error*: y = r + γ max Q_target(s′, ·), and Q(s, a) − y.
+//! - *epsilon*: probability of a random action. *gamma*: discount factor.
+
+pub mod agent;
+pub mod checkpoint;
+pub mod cli;
+pub mod config;
+pub mod env;
+pub mod files;
+pub mod nn;
+pub mod rng;
+pub mod sink;
+pub mod trainer;

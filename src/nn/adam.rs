@@ -1,0 +1,110 @@
+//! Adam (Kingma and Ba 2015, algorithm 1) with PyTorch's placement of epsilon.
+
+use serde::{Deserialize, Serialize};
+
+use super::kernels::Float;
+
+/// Settings of [`Adam`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AdamConfig {
+    /// Step size α, above 0 and at most 1.
+    pub learning_rate: f64,
+    /// Decay of the first moment, 0 ≤ β₁ < 1.
+    pub beta1: f64,
+    /// Decay of the second moment, 0 ≤ β₂ < 1.
+    pub beta2: f64,
+    /// Added to the root of the bias-corrected second moment, 1e-30…1.
+    pub epsilon: f64,
+}
+
+/// The optimiser's state for one flat block of parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Adam<T> {
+    config: AdamConfig,
+    /// Steps done.
+    pub steps: u64,
+    /// m, the running mean of the gradient.
+    pub first_moment: Vec<T>,
+    /// v, the running mean of its square.
+    pub second_moment: Vec<T>,
+}
+
+impl<T: Float> Adam<T> {
+    /// An optimiser for `parameters` parameters, before its first step.
+    pub fn new(config: AdamConfig, parameters: usize) -> Self {
+        Self {
+            config,
+            steps: 0,
+            first_moment: vec![T::ZERO; parameters],
+            second_moment: vec![T::ZERO; parameters],
+        }
+    }
+
+    /// One step along `gradient`; returns whether every parameter is still finite.
+    ///
+    /// ```text
+    /// m ← β₁ m + (1 − β₁) g      v ← β₂ v + (1 − β₂) g²
+    /// θ ← θ − α / (1 − β₁ᵗ) · m / (√v / √(1 − β₂ᵗ) + ε)
+    /// ```
+    pub fn step(&mut self, parameters: &mut [T], gradient: &[T]) -> bool {
+        self.steps += 1;
+        let AdamConfig { learning_rate, beta1, beta2, epsilon } = self.config;
+        let coefficients = AdamCoefficients {
+            beta1: T::from_f64(beta1),
+            one_minus_beta1: T::from_f64(1.0 - beta1),
+            beta2: T::from_f64(beta2),
+            one_minus_beta2: T::from_f64(1.0 - beta2),
+            step_size: T::from_f64(learning_rate / (1.0 - power(beta1, self.steps))),
+            second_moment_scale: T::from_f64(1.0 / (1.0 - power(beta2, self.steps)).sqrt()),
+            epsilon: T::from_f64(epsilon),
+        };
+        T::adam(&coefficients, parameters, gradient, &mut self.first_moment, &mut self.second_moment)
+    }
+}
+
+/// The numbers of one Adam step, the same for every parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct AdamCoefficients<T> {
+    /// β₁
+    pub beta1: T,
+    /// 1 − β₁
+    pub one_minus_beta1: T,
+    /// β₂
+    pub beta2: T,
+    /// 1 − β₂
+    pub one_minus_beta2: T,
+    /// α / (1 − β₁ᵗ)
+    pub step_size: T,
+    /// 1 / √(1 − β₂ᵗ)
+    pub second_moment_scale: T,
+    /// ε
+    pub epsilon: T,
+}
+
+/// `base` to the power of `exponent` by squaring: multiplications only, because the rounding of `powi` is the
+/// platform's.
+fn power(base: f64, exponent: u64) -> f64 {
+    let (mut result, mut square, mut rest) = (1.0, base, exponent);
+    while rest > 0 {
+        if rest & 1 == 1 {
+            result *= square;
+        }
+        square *= square;
+        rest >>= 1;
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn powers_by_squaring_equal_powers_by_multiplying() {
+        for exponent in [0, 1, 2, 3, 10, 1000] {
+            let product = (0..exponent).fold(1.0, |product, _| product * 0.999);
+            assert!((power(0.999, exponent) - product).abs() < 1e-13, "exponent {exponent}");
+        }
+    }
+}

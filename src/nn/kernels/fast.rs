@@ -1,0 +1,430 @@
+//! The kernels in f32 with vectors. One source for every instruction set, chosen at run time.
+//!
+//! All three products of a layer are one: C = init + A B, with A read a number at a time and the lanes along the
+//! rows of B and C. A tile of C stays in registers while the inner index runs.
+
+use std::sync::OnceLock;
+
+use nalgebra::DMatrix;
+
+#[cfg(target_arch = "x86_64")]
+use super::vector::{Avx2, Avx512};
+use super::vector::{Scalar, Vector};
+use crate::nn::adam::AdamCoefficients;
+
+/// The instruction set that the kernels run on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Path {
+    /// Any CPU.
+    Scalar,
+    /// x86-64 with AVX2 and FMA.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// x86-64 with AVX-512F.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Path {
+    /// The fastest that this CPU has.
+    pub fn of_this_cpu() -> Self {
+        static PATH: OnceLock<Path> = OnceLock::new();
+        *PATH.get_or_init(|| Self::of_this_cpu_and_narrower()[0])
+    }
+
+    /// All that this CPU has, the fastest first.
+    pub fn of_this_cpu_and_narrower() -> Vec<Self> {
+        let mut paths = Vec::new();
+        #[cfg(target_arch = "x86_64")]
+        {
+            let has_avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            if has_avx2 && is_x86_feature_detected!("avx512f") {
+                paths.push(Self::Avx512);
+            }
+            if has_avx2 {
+                paths.push(Self::Avx2);
+            }
+        }
+        paths.push(Self::Scalar);
+        paths
+    }
+}
+
+/// Defines a kernel from one generic body: the body compiled for every instruction set, and the choice.
+macro_rules! kernel {
+    ($(#[$doc:meta])* pub fn $name:ident<$vector:ident>($($argument:ident: $type:ty),* $(,)?) $(-> $result:ty)? $body:block) => {
+        $(#[$doc])*
+        ///
+        /// # Panics
+        /// When the shapes do not fit together.
+                pub fn $name(path: Path, $($argument: $type),*) $(-> $result)? {
+            #[inline(always)]
+            unsafe fn body<$vector: Vector>($($argument: $type),*) $(-> $result)? $body
+
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma")]
+            fn avx2($($argument: $type),*) $(-> $result)? {
+                // SAFETY: this function is compiled for AVX2 and FMA.
+                unsafe { body::<Avx2>($($argument),*) }
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx2,fma")]
+            fn avx512($($argument: $type),*) $(-> $result)? {
+                // SAFETY: this function is compiled for AVX-512F.
+                unsafe { body::<Avx512>($($argument),*) }
+            }
+            match path {
+                // SAFETY: the scalar vector needs no instruction set.
+                Path::Scalar => unsafe { body::<Scalar>($($argument),*) },
+                // SAFETY: a path is made only where the CPU has it.
+                #[cfg(target_arch = "x86_64")]
+                Path::Avx2 => unsafe { avx2($($argument),*) },
+                // SAFETY: a path is made only where the CPU has it.
+                #[cfg(target_arch = "x86_64")]
+                Path::Avx512 => unsafe { avx512($($argument),*) },
+            }
+        }
+    };
+}
+
+kernel! {
+    /// See [`super::Float::affine`].
+    pub fn affine<V>(x: &DMatrix<f32>, layer: &[f32], relu: bool, y: &mut DMatrix<f32>) {
+        let (batch, inputs, outputs) = (x.nrows(), x.ncols(), y.ncols());
+        assert!(y.nrows() == batch && layer.len() == (inputs + 1) * outputs);
+        let bias = layer[inputs * outputs..].as_ptr();
+        // SAFETY: the operands have the asserted sizes.
+        unsafe {
+            if batch == 1 {
+                // One row whose lanes run over the outputs.
+                let product = Product {
+                    rows: 1,
+                    columns: outputs,
+                    inner: inputs,
+                    a: x.as_slice().as_ptr(),
+                    a_row: 0,
+                    a_column: 1,
+                    b: layer.as_ptr(),
+                    c: y.as_mut_slice().as_mut_ptr(),
+                };
+                product.compute::<V>(RowBias { bias, relu });
+            } else {
+                let product = Product {
+                    rows: outputs,
+                    columns: batch,
+                    inner: inputs,
+                    a: layer.as_ptr(),
+                    a_row: 1,
+                    a_column: outputs,
+                    b: x.as_slice().as_ptr(),
+                    c: y.as_mut_slice().as_mut_ptr(),
+                };
+                product.compute::<V>(ColumnBias { bias, relu });
+            }
+        }
+    }
+}
+
+kernel! {
+    /// See [`super::Float::input_gradient`].
+    pub fn input_gradient<V>(dy: &DMatrix<f32>, layer: &[f32], x: &DMatrix<f32>, dx: &mut DMatrix<f32>) {
+        let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
+        assert!(dx.shape() == x.shape() && dy.nrows() == batch && layer.len() == (inputs + 1) * outputs);
+        let product = Product {
+            rows: inputs,
+            columns: batch,
+            inner: outputs,
+            a: layer.as_ptr(),
+            a_row: outputs,
+            a_column: 1,
+            b: dy.as_slice().as_ptr(),
+            c: dx.as_mut_slice().as_mut_ptr(),
+        };
+        // SAFETY: the operands have the asserted sizes.
+        unsafe { product.compute::<V>(WherePositive { x: x.as_slice().as_ptr(), columns: batch }) }
+    }
+}
+
+kernel! {
+    /// See [`super::Float::layer_gradient`].
+    pub fn layer_gradient<V>(
+        dy: &DMatrix<f32>,
+        x: &DMatrix<f32>,
+        dy_transposed: &mut [f32],
+        gradient: &mut [f32],
+    ) {
+        let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
+        assert!(dy.nrows() == batch && gradient.len() == (inputs + 1) * outputs);
+        let dy_transposed = &mut dy_transposed[..batch * outputs];
+        transpose(dy.as_slice(), batch, dy_transposed);
+        let (weight, bias) = gradient.split_at_mut(inputs * outputs);
+        let product = Product {
+            rows: inputs,
+            columns: outputs,
+            inner: batch,
+            a: x.as_slice().as_ptr(),
+            a_row: batch,
+            a_column: 1,
+            b: dy_transposed.as_ptr(),
+            c: weight.as_mut_ptr(),
+        };
+        // The bias is the weight of an input that is always 1.
+        let ones = Product { rows: 1, a: &1.0, a_row: 0, a_column: 0, c: bias.as_mut_ptr(), ..product };
+        // SAFETY: the operands have the asserted sizes; A's strides are 0 where it is one number.
+        unsafe {
+            product.compute::<V>(Plain);
+            ones.compute::<V>(Plain);
+        }
+    }
+}
+
+kernel! {
+    /// See [`super::Float::adam`].
+    pub fn adam<V>(
+        coefficients: &AdamCoefficients<f32>,
+        parameters: &mut [f32],
+        gradient: &[f32],
+        first_moment: &mut [f32],
+        second_moment: &mut [f32],
+    ) -> bool {
+        let len = parameters.len();
+        assert!(gradient.len() == len && first_moment.len() == len && second_moment.len() == len);
+        let (parameters, gradient) = (parameters.as_mut_ptr(), gradient.as_ptr());
+        let (first_moment, second_moment) = (first_moment.as_mut_ptr(), second_moment.as_mut_ptr());
+        let c = coefficients;
+        // SAFETY: every access is below `len`.
+        unsafe {
+            let (beta1, one_minus_beta1) = (V::splat(c.beta1), V::splat(c.one_minus_beta1));
+            let (beta2, one_minus_beta2) = (V::splat(c.beta2), V::splat(c.one_minus_beta2));
+            let (minus_step_size, epsilon) = (V::splat(-c.step_size), V::splat(c.epsilon));
+            let second_moment_scale = V::splat(c.second_moment_scale);
+            // 0 · θ is 0 exactly where θ is finite, else NaN.
+            let mut zeros = V::splat(0.0);
+            let mut index = 0;
+            while index < len {
+                let lanes = V::LANES.min(len - index);
+                let g: V = load(gradient.add(index), lanes);
+                let m: V = load(first_moment.add(index), lanes);
+                let v: V = load(second_moment.add(index), lanes);
+                let m = beta1.mul_add(m, one_minus_beta1.mul(g));
+                let v = beta2.mul_add(v, one_minus_beta2.mul(g).mul(g));
+                let step = m.div(v.sqrt().mul_add(second_moment_scale, epsilon));
+                let parameter = minus_step_size.mul_add(step, load(parameters.add(index), lanes));
+                zeros = parameter.mul_add(V::splat(0.0), zeros);
+                store(m, first_moment.add(index), lanes);
+                store(v, second_moment.add(index), lanes);
+                store(parameter, parameters.add(index), lanes);
+                index += lanes;
+            }
+            let mut lanes = [0.0; 16];
+            zeros.store(lanes.as_mut_ptr());
+            lanes.iter().all(|&zero| zero == 0.0)
+        }
+    }
+}
+
+/// The operands of C = start + A B: C is (rows, columns), A (rows, inner), B (inner, columns); B and C are
+/// row-major, A has the given strides.
+#[derive(Clone, Copy)]
+struct Product {
+    rows: usize,
+    columns: usize,
+    inner: usize,
+    a: *const f32,
+    a_row: usize,
+    a_column: usize,
+    b: *const f32,
+    c: *mut f32,
+}
+
+/// What a sum in C starts from, and what is stored of it; `lanes` of its vector are meant.
+trait Ends: Copy {
+    unsafe fn start<V: Vector>(self, row: usize, column: usize, lanes: usize) -> V;
+    unsafe fn finish<V: Vector>(self, sum: V, row: usize, column: usize, lanes: usize) -> V;
+}
+
+/// From 0, stored as it is.
+#[derive(Clone, Copy)]
+struct Plain;
+
+/// From one bias per row of C, stored through ReLU if asked for.
+#[derive(Clone, Copy)]
+struct ColumnBias {
+    bias: *const f32,
+    relu: bool,
+}
+
+/// From one bias per column of C, stored through ReLU if asked for.
+#[derive(Clone, Copy)]
+struct RowBias {
+    bias: *const f32,
+    relu: bool,
+}
+
+/// From 0, stored where the same element of `x` is positive, else 0.
+#[derive(Clone, Copy)]
+struct WherePositive {
+    x: *const f32,
+    columns: usize,
+}
+
+impl Ends for Plain {
+    #[inline(always)]
+    unsafe fn start<V: Vector>(self, _: usize, _: usize, _: usize) -> V {
+        V::splat(0.0)
+    }
+    #[inline(always)]
+    unsafe fn finish<V: Vector>(self, sum: V, _: usize, _: usize, _: usize) -> V {
+        sum
+    }
+}
+
+impl Ends for ColumnBias {
+    #[inline(always)]
+    unsafe fn start<V: Vector>(self, row: usize, _: usize, _: usize) -> V {
+        V::splat(*self.bias.add(row))
+    }
+    #[inline(always)]
+    unsafe fn finish<V: Vector>(self, sum: V, _: usize, _: usize, _: usize) -> V {
+        if self.relu { sum.relu() } else { sum }
+    }
+}
+
+impl Ends for RowBias {
+    #[inline(always)]
+    unsafe fn start<V: Vector>(self, _: usize, column: usize, lanes: usize) -> V {
+        load(self.bias.add(column), lanes)
+    }
+    #[inline(always)]
+    unsafe fn finish<V: Vector>(self, sum: V, _: usize, _: usize, _: usize) -> V {
+        if self.relu { sum.relu() } else { sum }
+    }
+}
+
+impl Ends for WherePositive {
+    #[inline(always)]
+    unsafe fn start<V: Vector>(self, _: usize, _: usize, _: usize) -> V {
+        V::splat(0.0)
+    }
+    #[inline(always)]
+    unsafe fn finish<V: Vector>(self, sum: V, row: usize, column: usize, lanes: usize) -> V {
+        load::<V>(self.x.add(row * self.columns + column), lanes).positive_then(sum)
+    }
+}
+
+impl Product {
+    /// Computes C in tiles: strips of up to four vectors of columns, and in each strip as many rows at once as the
+    /// registers hold.
+    #[inline(always)]
+    unsafe fn compute<V: Vector>(self, ends: impl Ends) {
+        let mut column = 0;
+        while column < self.columns {
+            let vectors = (self.columns - column).div_ceil(V::LANES);
+            let width = match vectors {
+                1..=3 => vectors,
+                _ if self.rows <= 2 => 4,
+                5 => 3,
+                _ => 2,
+            };
+            let lanes = (self.columns - column).min(width * V::LANES);
+            let last = lanes - (width - 1) * V::LANES;
+            match (width, last == V::LANES) {
+                (1, true) => self.strip::<V, 1, true>(ends, column, last),
+                (1, false) => self.strip::<V, 1, false>(ends, column, last),
+                (2, true) => self.strip::<V, 2, true>(ends, column, last),
+                (2, false) => self.strip::<V, 2, false>(ends, column, last),
+                (3, true) => self.strip::<V, 3, true>(ends, column, last),
+                (3, false) => self.strip::<V, 3, false>(ends, column, last),
+                (_, true) => self.strip::<V, 4, true>(ends, column, last),
+                (_, false) => self.strip::<V, 4, false>(ends, column, last),
+            }
+            column += lanes;
+        }
+    }
+
+    /// A strip of `WIDTH` vectors of columns, the last one with `last` lanes, all of them if `FULL`.
+    #[inline(always)]
+    unsafe fn strip<V: Vector, const WIDTH: usize, const FULL: bool>(
+        self,
+        ends: impl Ends,
+        column: usize,
+        last: usize,
+    ) {
+        let mut row = 0;
+        macro_rules! tiles {
+            ($($height:literal)*) => {{$(
+                while $height * WIDTH <= V::ACCUMULATORS && row + $height <= self.rows {
+                    self.tile::<V, $height, WIDTH, FULL>(ends, row, column, last);
+                    row += $height;
+                }
+            )*}};
+        }
+        match WIDTH {
+            1 => tiles!(12 4 1),
+            2 => tiles!(12 6 4 2 1),
+            3 => tiles!(8 4 1),
+            _ => tiles!(2 1),
+        }
+    }
+
+    /// `HEIGHT` rows of a strip: the sums stay in registers.
+    #[inline(always)]
+    unsafe fn tile<V: Vector, const HEIGHT: usize, const WIDTH: usize, const FULL: bool>(
+        self,
+        ends: impl Ends,
+        row: usize,
+        column: usize,
+        last: usize,
+    ) {
+        let lanes = |vector: usize| if FULL || vector + 1 < WIDTH { V::LANES } else { last };
+        let mut sums = [[V::splat(0.0); WIDTH]; HEIGHT];
+        for (i, sums) in sums.iter_mut().enumerate() {
+            for (j, sum) in sums.iter_mut().enumerate() {
+                *sum = ends.start(row + i, column + j * V::LANES, lanes(j));
+            }
+        }
+        let (mut a, mut b) = (self.a.add(row * self.a_row), self.b.add(column));
+        for _ in 0..self.inner {
+            let mut terms = [V::splat(0.0); WIDTH];
+            for (j, term) in terms.iter_mut().enumerate() {
+                *term = load(b.add(j * V::LANES), lanes(j));
+            }
+            for (i, sums) in sums.iter_mut().enumerate() {
+                let factor = V::splat(*a.add(i * self.a_row));
+                for (sum, &term) in sums.iter_mut().zip(&terms) {
+                    *sum = factor.mul_add(term, *sum);
+                }
+            }
+            a = a.wrapping_add(self.a_column);
+            b = b.wrapping_add(self.columns);
+        }
+        for (i, sums) in sums.iter().enumerate() {
+            for (j, &sum) in sums.iter().enumerate() {
+                let (row, column) = (row + i, column + j * V::LANES);
+                let value = ends.finish(sum, row, column, lanes(j));
+                store(value, self.c.add(row * self.columns + column), lanes(j));
+            }
+        }
+    }
+}
+
+/// (rows, columns) to (columns, rows), both row-major; `columns` is `from`'s.
+#[inline(always)]
+fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
+    let rows = from.len() / columns;
+    for (row, values) in from.chunks_exact(columns).enumerate() {
+        for (column, &value) in values.iter().enumerate() {
+            to[column * rows + row] = value;
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn load<V: Vector>(source: *const f32, lanes: usize) -> V {
+    if lanes == V::LANES { V::load(source) } else { V::load_part(source, lanes) }
+}
+
+#[inline(always)]
+unsafe fn store<V: Vector>(value: V, target: *mut f32, lanes: usize) {
+    if lanes == V::LANES { value.store(target) } else { value.store_part(target, lanes) }
+}

@@ -1,0 +1,137 @@
+//! A multilayer perceptron: dense layers, ReLU between them, linear output.
+
+use nalgebra::DMatrix;
+
+use super::{Float, NetworkConfig};
+use crate::rng::Rng;
+
+/// A network of dense layers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mlp<T> {
+    sizes: Vec<usize>,
+    parameters: Vec<T>,
+}
+
+/// The outputs of every layer for one batch, the input first, each (batch, features); and, after a backward
+/// pass, the loss's gradient by them.
+#[derive(Clone, Debug)]
+pub struct Activations<T> {
+    layers: Vec<DMatrix<T>>,
+    gradients: Vec<DMatrix<T>>,
+    scratch: Vec<T>,
+}
+
+impl<T: Float> Activations<T> {
+    /// Room for batches of exactly `batch` rows through a network of these layer sizes.
+    pub fn new(sizes: &[usize], batch: usize) -> Self {
+        let layers: Vec<_> = sizes.iter().map(|&size| DMatrix::from_element(batch, size, T::ZERO)).collect();
+        let widest = sizes.iter().max().map_or(0, |size| size * batch);
+        Self { gradients: layers.clone(), layers, scratch: vec![T::ZERO; widest] }
+    }
+
+    /// The network's input, to be filled in.
+    pub fn input_mut(&mut self) -> &mut DMatrix<T> {
+        &mut self.layers[0]
+    }
+
+    /// The network's output, (batch, out).
+    pub fn output(&self) -> &DMatrix<T> {
+        &self.layers[self.layers.len() - 1]
+    }
+
+    /// The output, and the loss's gradient by it, to be filled in before [`Mlp::backward`].
+    pub fn output_and_gradient_mut(&mut self) -> (&DMatrix<T>, &mut DMatrix<T>) {
+        let last = self.layers.len() - 1;
+        (&self.layers[last], &mut self.gradients[last])
+    }
+}
+
+impl Mlp<f32> {
+    /// A network with freshly drawn weights.
+    pub fn new(config: &NetworkConfig, observation_size: usize, num_actions: usize, rng: &mut Rng) -> Self {
+        let mut mlp = Self::zeros(config.sizes(observation_size, num_actions));
+        for layer in 0..mlp.num_layers() {
+            let (inputs, outputs) = (mlp.sizes[layer], mlp.sizes[layer + 1]);
+            let (weight, bias) = mlp.layer_mut(layer).split_at_mut(inputs * outputs);
+            config.init.fill(weight, bias, rng);
+        }
+        mlp
+    }
+}
+
+impl<T: Float> Mlp<T> {
+    /// A network of these layer sizes (at least input and output) with all parameters 0.
+    pub fn zeros(sizes: Vec<usize>) -> Self {
+        let count = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
+        Self { sizes, parameters: vec![T::ZERO; count] }
+    }
+
+    /// Layer sizes, from the input to the output.
+    pub fn sizes(&self) -> &[usize] {
+        &self.sizes
+    }
+
+    /// Number of dense layers.
+    pub fn num_layers(&self) -> usize {
+        self.sizes.len() - 1
+    }
+
+    /// All parameters, layer by layer, each layer's weight (in, out) before its bias (out).
+    pub fn parameters(&self) -> &[T] {
+        &self.parameters
+    }
+
+    /// All parameters, for an optimiser.
+    pub fn parameters_mut(&mut self) -> &mut [T] {
+        &mut self.parameters
+    }
+
+    /// Makes this network a copy of `other`, which has the same sizes.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.parameters.copy_from_slice(&other.parameters);
+    }
+
+    /// A layer's weight (in, out) and, behind it, its bias (out).
+    pub fn layer(&self, layer: usize) -> &[T] {
+        &self.parameters[self.range(layer)]
+    }
+
+    /// See [`Self::layer`].
+    pub fn layer_mut(&mut self, layer: usize) -> &mut [T] {
+        let range = self.range(layer);
+        &mut self.parameters[range]
+    }
+
+    /// Where a layer lies in the flat parameters.
+    fn range(&self, layer: usize) -> std::ops::Range<usize> {
+        let size = |layer: usize| (self.sizes[layer] + 1) * self.sizes[layer + 1];
+        let start = (0..layer).map(size).sum();
+        start..start + size(layer)
+    }
+
+    /// x₁ = ReLU(W₁ x₀ + b₁), …, xₗ = Wₗ xₗ₋₁ + bₗ, from the input that is in `activations`.
+    pub fn forward(&self, activations: &mut Activations<T>) {
+        for layer in 0..self.num_layers() {
+            let (before, after) = activations.layers.split_at_mut(layer + 1);
+            let relu = layer + 1 < self.num_layers();
+            T::affine(&before[layer], self.layer(layer), relu, &mut after[0]);
+        }
+    }
+
+    /// The gradient of the loss by every parameter, from the gradient by the output that is in `activations`
+    /// (Rumelhart, Hinton and Williams 1986). With δₗ the gradient by layer l's output before its ReLU:
+    ///
+    /// ```text
+    /// ∂L/∂Wₗ = δₗ xₗ₋₁ᵀ      ∂L/∂bₗ = Σ_batch δₗ      δₗ₋₁ = (Wₗᵀ δₗ) where xₗ₋₁ > 0, else 0
+    /// ```
+    pub fn backward(&self, activations: &mut Activations<T>, gradient: &mut Mlp<T>) {
+        let Activations { layers, gradients, scratch } = activations;
+        for layer in (0..self.num_layers()).rev() {
+            let (before, after) = gradients.split_at_mut(layer + 1);
+            T::layer_gradient(&after[0], &layers[layer], scratch, gradient.layer_mut(layer));
+            if layer > 0 {
+                T::input_gradient(&after[0], self.layer(layer), &layers[layer], &mut before[layer]);
+            }
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! One seed, one named stream of random numbers per consumer.
+//!
+//! The generator is PCG64 (O'Neill 2014, XSL-RR 128/64) seeded through NumPy's `SeedSequence`, so that
+//! [`Rng::from_seed`] draws what `numpy.random.default_rng(seed)` draws; that gives Gymnasium's episodes.
+//! Integers and floats are drawn by the few lines here and not by a crate's distributions, which may change.
+
+use rand::Rng as _;
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+/// Who draws from a stream. A run spawns one stream for each from its seed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stream {
+    /// Initial weights.
+    Init = 0,
+    /// Start states of the training episodes.
+    Environment = 1,
+    /// Exploration: whether to explore, and which action.
+    Explore = 2,
+    /// Minibatches.
+    Replay = 3,
+}
+
+/// A stream of random numbers; serialising it keeps its place.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rng(Pcg64);
+
+impl Rng {
+    /// The stream of `numpy.random.default_rng(seed)`.
+    pub fn from_seed(seed: u64) -> Self {
+        Self::from_seed_sequence(seed, &[])
+    }
+
+    /// The stream of `numpy.random.default_rng(numpy.random.SeedSequence(seed, spawn_key=(stream,)))`.
+    pub fn spawn(seed: u64, stream: Stream) -> Self {
+        Self::from_seed_sequence(seed, &[stream as u32])
+    }
+
+    fn from_seed_sequence(seed: u64, spawn_key: &[u32]) -> Self {
+        let [state_high, state_low, stream_high, stream_low] = seed_sequence(seed, spawn_key);
+        let join = |high: u64, low: u64| (u128::from(high) << 64) | u128::from(low);
+        Self(Pcg64::new(join(state_high, state_low), join(stream_high, stream_low)))
+    }
+
+    /// 64 random bits.
+    pub fn next_u64(&mut self) -> u64 {
+        self.0.next_u64()
+    }
+
+    /// A uniform number in [0, 1) with 53 random bits, as NumPy draws it.
+    pub fn unit(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+    }
+
+    /// A uniform number in [`low`, `high`), as NumPy's `Generator.uniform` draws it.
+    pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    /// A uniform integer in `0..bound`, without bias (Lemire 2019, "Fast random integer generation in an
+    /// interval"). `bound` must not be 0.
+    pub fn below(&mut self, bound: u64) -> u64 {
+        debug_assert!(bound > 0);
+        let mut product = u128::from(self.next_u64()) * u128::from(bound);
+        if (product as u64) < bound {
+            let threshold = bound.wrapping_neg() % bound;
+            while (product as u64) < threshold {
+                product = u128::from(self.next_u64()) * u128::from(bound);
+            }
+        }
+        (product >> 64) as u64
+    }
+}
+
+/// NumPy's `SeedSequence(seed, spawn_key=spawn_key).generate_state(4, numpy.uint64)`.
+///
+/// Hashes seed and key into a pool of four 32-bit words and draws eight words from it (after O'Neill's
+/// `seed_seq_fe`, 2015); the constants are NumPy's.
+fn seed_sequence(seed: u64, spawn_key: &[u32]) -> [u64; 4] {
+    const POOL_SIZE: usize = 4;
+    const INIT_A: u32 = 0x43b0_d7e5;
+    const MULT_A: u32 = 0x931e_8875;
+    const INIT_B: u32 = 0x8b51_f9dd;
+    const MULT_B: u32 = 0x58f3_8ded;
+    const MIX_MULT_L: u32 = 0xca01_f9dd;
+    const MIX_MULT_R: u32 = 0x4973_f715;
+
+    /// One step of the hash: `constant` moves on, `value` is folded into it.
+    fn hash(value: u32, constant: &mut u32, multiplier: u32) -> u32 {
+        let value = value ^ *constant;
+        *constant = constant.wrapping_mul(multiplier);
+        let value = value.wrapping_mul(*constant);
+        value ^ (value >> 16)
+    }
+    fn mix(x: u32, y: u32) -> u32 {
+        let mixed = x.wrapping_mul(MIX_MULT_L).wrapping_sub(y.wrapping_mul(MIX_MULT_R));
+        mixed ^ (mixed >> 16)
+    }
+
+    // A seed is at most two words, so it never outgrows the pool; missing words hash as 0.
+    let mut constant = INIT_A;
+    let words = [seed as u32, (seed >> 32) as u32, 0, 0];
+    let mut pool: [u32; POOL_SIZE] = words.map(|word| hash(word, &mut constant, MULT_A));
+    for source in 0..POOL_SIZE {
+        for destination in (0..POOL_SIZE).filter(|&destination| destination != source) {
+            pool[destination] = mix(pool[destination], hash(pool[source], &mut constant, MULT_A));
+        }
+    }
+    for &word in spawn_key {
+        for destination in &mut pool {
+            *destination = mix(*destination, hash(word, &mut constant, MULT_A));
+        }
+    }
+
+    let mut constant = INIT_B;
+    let words: [u32; 8] = std::array::from_fn(|i| hash(pool[i % POOL_SIZE], &mut constant, MULT_B));
+    std::array::from_fn(|i| u64::from(words[2 * i]) | (u64::from(words[2 * i + 1]) << 32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // numpy 2.4.6: default_rng(SeedSequence(seed, spawn_key=key)).bit_generator.random_raw(2)
+    const NUMPY: [(u64, &[u32], [u64; 2]); 8] = [
+        (0, &[], [11749869230777074271, 4976686463289251617]),
+        (0, &[0], [17394127715520444142, 5835390491061343638]),
+        (0, &[3], [6722610277276733253, 9432498999466319913]),
+        ((1 << 32) - 1, &[], [4647538520743280031, 4041050679407036418]),
+        (1 << 32, &[], [16412783775159424549, 10277383025879800780]),
+        (1 << 32, &[3], [18191313451190898968, 5108984316022369131]),
+        (u64::MAX, &[], [12544278110101001871, 15593249672699323225]),
+        (u64::MAX, &[3], [1552385388703065254, 10059405471324675964]),
+    ];
+
+    #[test]
+    fn draws_what_numpy_draws() {
+        for (seed, key, expected) in NUMPY {
+            let mut rng = Rng::from_seed_sequence(seed, key);
+            assert_eq!([rng.next_u64(), rng.next_u64()], expected, "seed {seed}, spawn key {key:?}");
+        }
+    }
+
+    #[test]
+    fn below_stays_below_and_reaches_everything() {
+        let mut rng = Rng::from_seed(1);
+        let mut counts = [0; 5];
+        for _ in 0..5_000 {
+            counts[rng.below(5) as usize] += 1;
+        }
+        assert!(counts.iter().all(|&count| (850..1150).contains(&count)), "{counts:?}");
+    }
+}

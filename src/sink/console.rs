@@ -1,0 +1,88 @@
+//! Progress on stderr: a bar on a terminal, elsewhere a plain line now and then.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::trainer::Budget;
+use crate::trainer::event::{Event, EventSink};
+
+/// Shortest time between two plain lines.
+const LINE_INTERVAL: Duration = Duration::from_secs(2);
+
+/// Shows how a run goes.
+#[derive(Debug)]
+pub struct Console {
+    bar: ProgressBar,
+    budget: Budget,
+    start: Instant,
+    last_line: Option<Instant>,
+    episode: String,
+    evaluation: String,
+}
+
+impl Console {
+    /// A display for a run with this budget.
+    pub fn new(budget: Budget) -> Self {
+        let (length, unit) = match budget {
+            Budget::Steps(steps) => (steps, "step"),
+            Budget::Episodes(episodes) => (episodes, "episode"),
+        };
+        let template = format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{msg}} eta {{eta}}");
+        let bar = ProgressBar::new(length);
+        if let Ok(style) = ProgressStyle::with_template(&template) {
+            bar.set_style(style);
+        }
+        Self {
+            bar,
+            budget,
+            start: Instant::now(),
+            last_line: None,
+            episode: String::new(),
+            evaluation: String::new(),
+        }
+    }
+
+    fn show(&mut self, env_steps: u64, episodes: Option<u64>, line_is_due: bool) {
+        let steps_per_second = env_steps as f64 / self.start.elapsed().as_secs_f64().max(1e-9);
+        let message = format!("{}{} | {steps_per_second:.0} steps/s", self.episode, self.evaluation);
+        if self.bar.is_hidden() {
+            if line_is_due && self.last_line.is_none_or(|last| last.elapsed() >= LINE_INTERVAL) {
+                self.last_line = Some(Instant::now());
+                eprintln!("step {env_steps} | {message}");
+            }
+            return;
+        }
+        match self.budget {
+            Budget::Steps(_) => self.bar.set_position(env_steps),
+            Budget::Episodes(_) => episodes.into_iter().for_each(|episodes| self.bar.set_position(episodes)),
+        }
+        self.bar.set_message(message);
+    }
+}
+
+impl EventSink for Console {
+    fn emit(&mut self, event: &Event) -> io::Result<()> {
+        match *event {
+            Event::Episode { env_steps, episode, mean_return_100, epsilon, loss, .. } => {
+                let loss = loss.map_or_else(|| "-".to_owned(), |loss| format!("{loss:.3}"));
+                self.episode = format!("return {mean_return_100:.1} | ε {epsilon:.3} | loss {loss}");
+                self.show(env_steps, Some(episode + 1), false);
+            }
+            Event::Evaluation { env_steps, mean, .. } => {
+                self.evaluation = format!(" | evaluation {mean:.1}");
+                self.show(env_steps, None, true);
+            }
+            Event::End { .. } => self.bar.finish_and_clear(),
+        }
+        Ok(())
+    }
+}
+
+/// A run that fails sends no end: the bar must not stay behind.
+impl Drop for Console {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

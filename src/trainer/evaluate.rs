@@ -1,0 +1,122 @@
+//! Playing episodes without learning, and what their returns amount to.
+
+use serde::Serialize;
+
+use crate::agent::Policy;
+use crate::env::{Environment, Step};
+use crate::rng::Rng;
+
+/// Plays `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as Gymnasium's `reset(seed=…)`
+/// starts them, and returns their undiscounted returns.
+pub fn evaluate<E: Environment>(
+    policy: &mut impl Policy,
+    environment: &E,
+    first_seed: u64,
+    episodes: u64,
+) -> Vec<f64> {
+    (0..episodes)
+        .map(|episode| {
+            let seed = first_seed.wrapping_add(episode);
+            play(policy, environment.clone(), seed, |_| Ok::<_, std::convert::Infallible>(()))
+                .unwrap_or_else(|never| match never {})
+        })
+        .collect()
+}
+
+/// One step of an episode that is being played.
+#[derive(Debug)]
+pub struct TraceStep<'a, O> {
+    /// Steps before this one.
+    pub step: u64,
+    /// The environment's state before the action.
+    pub state: &'a [f64],
+    /// The action.
+    pub action: usize,
+    /// The policy's Q-values for the observation before the action; empty if it has none.
+    pub q_values: &'a [f32],
+    /// What the action brought.
+    pub outcome: &'a Step<O>,
+}
+
+/// Plays one episode, shows every step to `watch`, and returns the undiscounted return.
+///
+/// # Errors
+/// The first error of `watch`, which ends the episode.
+pub fn play<E: Environment, X>(
+    policy: &mut impl Policy,
+    mut environment: E,
+    seed: u64,
+    mut watch: impl FnMut(TraceStep<'_, E::Observation>) -> Result<(), X>,
+) -> Result<f64, X> {
+    let mut observation = environment.reset(&mut Rng::from_seed(seed));
+    let mut total = 0.0;
+    for step in 0.. {
+        let before = environment.clone();
+        let action = policy.act(observation.as_ref());
+        let outcome = environment.step(action);
+        total += f64::from(outcome.reward);
+        watch(TraceStep {
+            step,
+            state: before.state(),
+            action,
+            q_values: policy.q_values(),
+            outcome: &outcome,
+        })?;
+        if outcome.ended() {
+            break;
+        }
+        observation = outcome.observation;
+    }
+    Ok(total)
+}
+
+/// What a set of returns amounts to.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Score {
+    /// Number of returns, at least 1.
+    pub episodes: u64,
+    /// Their mean.
+    pub mean: f64,
+    /// Their population standard deviation.
+    pub std: f64,
+    /// The smallest.
+    pub min: f64,
+    /// The middle one, or the mean of the two in the middle.
+    pub median: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+impl Score {
+    /// The score of at least one return.
+    pub fn new(returns: &[f64]) -> Self {
+        let count = returns.len() as f64;
+        let mean = returns.iter().sum::<f64>() / count;
+        let variance = returns.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / count;
+        let mut sorted = returns.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let middle = sorted.len() / 2;
+        let median =
+            if sorted.len() % 2 == 1 { sorted[middle] } else { (sorted[middle - 1] + sorted[middle]) / 2.0 };
+        Self {
+            episodes: returns.len() as u64,
+            mean,
+            std: variance.sqrt(),
+            min: sorted[0],
+            median,
+            max: sorted[sorted.len() - 1],
+        }
+    }
+
+    /// Half the width of the 95 % interval of the mean over episodes, 1.96 standard errors; `None` for one
+    /// episode.
+    pub fn interval(&self) -> Option<f64> {
+        let count = self.episodes as f64;
+        (self.episodes > 1).then(|| 1.96 * self.std * (count / (count - 1.0)).sqrt() / count.sqrt())
+    }
+
+    /// Whether a task counts as solved: the mean of at least 100 episodes reaches its threshold.
+    pub fn solves(&self, threshold: f64) -> bool {
+        self.episodes >= 100 && self.mean >= threshold
+    }
+}

@@ -1,0 +1,222 @@
+//! The training loop. It drives an agent through an environment and tells a sink; it never prints.
+
+mod evaluate;
+pub mod event;
+mod state;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::agent::{Dqn, Greedy, NotFinite, Policy, Transition};
+use crate::checkpoint::Checkpoint;
+use crate::config::Config;
+use crate::env::Environment;
+use crate::rng::{Rng, Stream};
+
+pub use evaluate::{Score, TraceStep, evaluate, play};
+pub use event::{EndReason, Event, EventSink};
+pub use state::{Evaluation, Header, Progress, State, Summary};
+
+/// Gymnasium seed of the first evaluation episode; the others follow. Training never resets from a seed.
+pub const EVALUATION_SEED: u64 = 1_000_000;
+
+/// When a run ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Budget {
+    /// After this many environment steps, at least 1.
+    Steps(u64),
+    /// After this many complete episodes, at least 1.
+    Episodes(u64),
+}
+
+/// The greedy evaluations during training.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// Environment steps between evaluations, at least 1. There is always one at the end.
+    pub every_steps: u64,
+    /// Episodes of an evaluation, 1…100,000, always the same ones.
+    pub episodes: u64,
+}
+
+/// Writing `checkpoints/last.safetensors`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// Environment steps between checkpoints, at least 1. There is always one at the end.
+    pub every_steps: u64,
+}
+
+/// Why a run failed.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The numbers left the finite.
+    #[error("training diverged: at environment step {env_steps} {what} became NaN or infinite")]
+    Diverged {
+        /// The step in which it happened.
+        env_steps: u64,
+        /// What is not finite.
+        what: NotFinite,
+    },
+    /// A checkpoint cannot be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A sink cannot take an event.
+    #[error("cannot write an event at environment step {env_steps}: {source}")]
+    Sink {
+        /// The step of the event.
+        env_steps: u64,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// One run: an agent in an environment.
+#[derive(Clone, Debug)]
+pub struct Trainer<E: Environment> {
+    config: Config,
+    environment: E,
+    observation: E::Observation,
+    environment_rng: Rng,
+    agent: Dqn,
+    progress: Progress,
+}
+
+impl<E: Environment> Trainer<E> {
+    /// A run of a valid config, before its first step.
+    pub fn new(config: Config, mut environment: E) -> Self {
+        let mut environment_rng = Rng::spawn(config.seed, Stream::Environment);
+        Self {
+            observation: environment.reset(&mut environment_rng),
+            agent: Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed),
+            progress: Progress::default(),
+            environment,
+            environment_rng,
+            config,
+        }
+    }
+
+    /// Trains until the budget is used up, or the task is solved if that is to end the run. `checkpoints` is the
+    /// folder for `last.safetensors` and `best.safetensors`; it exists.
+    ///
+    /// # Errors
+    /// When the numbers leave the finite, or a checkpoint or an event cannot be written. The files written
+    /// before stay.
+    pub fn run(
+        &mut self,
+        sink: &mut dyn EventSink,
+        checkpoints: Option<&Path>,
+    ) -> Result<EndReason, TrainError> {
+        let reason = loop {
+            match self.end_reason() {
+                Some(reason) => break reason,
+                None => self.step(sink, checkpoints)?,
+            }
+        };
+        if self.progress.last_evaluation.is_none_or(|last| last.env_steps < self.progress.env_steps) {
+            self.evaluate(sink, checkpoints)?;
+        }
+        let Progress { env_steps, episodes, updates, .. } = self.progress;
+        self.emit(sink, &Event::End { env_steps, episodes, updates, reason })?;
+        self.save_last(checkpoints)?;
+        Ok(reason)
+    }
+
+    /// One environment step and everything that is due after it.
+    ///
+    /// # Errors
+    /// See [`Self::run`].
+    pub fn step(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
+        let action = self.agent.act(self.observation.as_ref());
+        let step = self.environment.step(action);
+        self.agent.observe(Transition {
+            observation: self.observation.as_ref(),
+            action,
+            reward: step.reward,
+            next_observation: step.observation.as_ref(),
+            terminated: step.terminated,
+            truncated: step.truncated,
+        });
+        let ended = step.ended();
+        self.observation = step.observation;
+        self.progress.count_step(step.reward);
+        let env_steps = self.progress.env_steps;
+
+        if self.agent.learns_at(env_steps) {
+            let loss = self.agent.learn().map_err(|what| TrainError::Diverged { env_steps, what })?;
+            self.progress.count_learning(loss, self.agent.adam.steps);
+        }
+        self.agent.after_step(env_steps);
+        if ended {
+            self.end_episode(sink)?;
+        }
+        if env_steps % self.config.evaluation.every_steps == 0 {
+            self.evaluate(sink, checkpoints)?;
+        }
+        if env_steps % self.config.checkpoint.every_steps == 0 {
+            self.save_last(checkpoints)?;
+        }
+        Ok(())
+    }
+
+    fn end_episode(&mut self, sink: &mut dyn EventSink) -> Result<(), TrainError> {
+        self.agent.after_episode(self.progress.episodes);
+        let event = self.progress.end_episode(self.agent.epsilon);
+        self.observation = self.environment.reset(&mut self.environment_rng);
+        self.emit(sink, &event)
+    }
+
+    /// Plays the greedy policy, and keeps it as the best if it is better than all before.
+    fn evaluate(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
+        let mut policy = Greedy::new(self.agent.online.clone());
+        let episodes = self.config.evaluation.episodes;
+        let score = Score::new(&evaluate(&mut policy, &self.environment, EVALUATION_SEED, episodes));
+        let event = self.progress.count_evaluation(&score, E::SOLVED_RETURN);
+        if let (Event::Evaluation { best: true, .. }, Some(folder)) = (&event, checkpoints) {
+            self.write(&folder.join("best.safetensors"), self.policy_checkpoint())?;
+        }
+        self.emit(sink, &event)
+    }
+
+    fn save_last(&self, checkpoints: Option<&Path>) -> Result<(), TrainError> {
+        checkpoints.map_or(Ok(()), |folder| self.write(&folder.join("last.safetensors"), self.checkpoint()))
+    }
+
+    fn end_reason(&self) -> Option<EndReason> {
+        let used_up = match self.config.budget {
+            Budget::Steps(steps) => self.progress.env_steps >= steps,
+            Budget::Episodes(episodes) => self.progress.episodes >= episodes,
+        };
+        let solved = self.config.stop_when_solved && self.progress.solved_at_step.is_some();
+        if solved { Some(EndReason::Solved) } else { used_up.then_some(EndReason::Budget) }
+    }
+
+    fn write(&self, path: &Path, checkpoint: io::Result<Checkpoint>) -> Result<(), TrainError> {
+        checkpoint
+            .and_then(|checkpoint| checkpoint.write(path))
+            .map_err(|source| TrainError::Checkpoint { path: path.to_owned(), source })
+    }
+
+    fn emit(&self, sink: &mut dyn EventSink, event: &Event) -> Result<(), TrainError> {
+        let env_steps = self.progress.env_steps;
+        sink.emit(event).map_err(|source| TrainError::Sink { env_steps, source })
+    }
+
+    /// How far the run is.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// The agent as it is now.
+    pub fn agent(&self) -> &Dqn {
+        &self.agent
+    }
+}

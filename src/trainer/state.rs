@@ -1,0 +1,268 @@
+//! Everything that a resumed run needs: the counters, and the way into and out of a checkpoint.
+
+use std::collections::VecDeque;
+use std::io;
+
+use serde::{Deserialize, Serialize};
+
+use super::{EndReason, Event, Score, Trainer};
+use crate::agent::{Dqn, ReplayContents};
+use crate::checkpoint::{Checkpoint, FORMAT_VERSION, Problem, weights_sha256};
+use crate::config::Config;
+use crate::env::Environment;
+use crate::rng::Rng;
+
+/// How many episodes the running mean return is over.
+const RECENT_EPISODES: usize = 100;
+
+/// The mean return of an evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Environment steps of the run before it.
+    pub env_steps: u64,
+    /// Mean return.
+    pub mean: f64,
+}
+
+/// The counters of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Environment steps.
+    pub env_steps: u64,
+    /// Complete episodes.
+    pub episodes: u64,
+    /// Gradient steps.
+    pub updates: u64,
+    /// The best evaluation so far, the first of equals.
+    pub best_evaluation: Option<Evaluation>,
+    /// The latest evaluation.
+    pub last_evaluation: Option<Evaluation>,
+    /// Environment steps before the first evaluation that solved the task.
+    pub solved_at_step: Option<u64>,
+    episode_return: f64,
+    episode_length: u64,
+    /// Sum and number of the losses in this episode.
+    losses: (f64, u64),
+    recent_returns: VecDeque<f64>,
+}
+
+impl Progress {
+    pub(super) fn count_step(&mut self, reward: f32) {
+        self.env_steps += 1;
+        self.episode_length += 1;
+        self.episode_return += f64::from(reward);
+    }
+
+    pub(super) fn count_learning(&mut self, loss: f32, updates: u64) {
+        self.updates = updates;
+        self.losses = (self.losses.0 + f64::from(loss), self.losses.1 + 1);
+    }
+
+    pub(super) fn end_episode(&mut self, epsilon: f64) -> Event {
+        if self.recent_returns.len() == RECENT_EPISODES {
+            self.recent_returns.pop_front();
+        }
+        self.recent_returns.push_back(self.episode_return);
+        let (loss_sum, loss_count) = std::mem::take(&mut self.losses);
+        let event = Event::Episode {
+            env_steps: self.env_steps,
+            episode: self.episodes,
+            return_: std::mem::take(&mut self.episode_return),
+            length: std::mem::take(&mut self.episode_length),
+            mean_return_100: self.recent_returns.iter().sum::<f64>() / self.recent_returns.len() as f64,
+            epsilon,
+            loss: (loss_count > 0).then(|| loss_sum / loss_count as f64),
+            updates: self.updates,
+        };
+        self.episodes += 1;
+        event
+    }
+
+    pub(super) fn count_evaluation(&mut self, score: &Score, threshold: f64) -> Event {
+        let evaluation = Evaluation { env_steps: self.env_steps, mean: score.mean };
+        let best = self.best_evaluation.is_none_or(|best| score.mean > best.mean);
+        let solved = score.mean >= threshold;
+        self.last_evaluation = Some(evaluation);
+        if best {
+            self.best_evaluation = Some(evaluation);
+        }
+        if solved && self.solved_at_step.is_none() {
+            self.solved_at_step = Some(self.env_steps);
+        }
+        Event::Evaluation {
+            env_steps: self.env_steps,
+            episodes: score.episodes,
+            mean: score.mean,
+            std: score.std,
+            min: score.min,
+            max: score.max,
+            best,
+            solved,
+        }
+    }
+}
+
+/// What a checkpoint says of itself; `S` is the [`State`] of the run, in `last.safetensors` only.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header<S = serde::de::IgnoredAny> {
+    format_version: u32,
+    /// Environment steps of the run so far.
+    pub env_steps: u64,
+    /// The latest evaluation; in `best.safetensors` that of the policy itself.
+    pub evaluation: Option<Evaluation>,
+    /// The run's resolved config.
+    pub config: Config,
+    /// What a resumed run needs besides the tensors.
+    #[serde(default = "Option::default", skip_serializing_if = "Option::is_none")]
+    pub state: Option<S>,
+}
+
+/// What a resumed run needs besides the tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State<E, O> {
+    progress: Progress,
+    environment: E,
+    observation: O,
+    environment_rng: Rng,
+    explore_rng: Rng,
+    replay_rng: Rng,
+    epsilon: f64,
+}
+
+impl<E: Environment> Trainer<E> {
+    fn header(&self, state: Option<State<E, E::Observation>>) -> Header<State<E, E::Observation>> {
+        Header {
+            format_version: FORMAT_VERSION,
+            env_steps: self.progress.env_steps,
+            evaluation: self.progress.last_evaluation,
+            config: self.config.clone(),
+            state,
+        }
+    }
+
+    /// The policy alone.
+    ///
+    /// # Errors
+    /// See [`Checkpoint::new`].
+    pub fn policy_checkpoint(&self) -> io::Result<Checkpoint> {
+        let mut checkpoint = Checkpoint::new(&self.header(None))?;
+        checkpoint.put_network("", &self.agent.online);
+        Ok(checkpoint)
+    }
+
+    /// Everything that [`Self::resume`] needs.
+    ///
+    /// # Errors
+    /// See [`Checkpoint::new`].
+    pub fn checkpoint(&self) -> io::Result<Checkpoint> {
+        let Dqn { online, target, adam, replay, epsilon, explore_rng, replay_rng, .. } = &self.agent;
+        let mut checkpoint = Checkpoint::new(&self.header(Some(State {
+            progress: self.progress.clone(),
+            environment: self.environment.clone(),
+            observation: self.observation.clone(),
+            environment_rng: self.environment_rng.clone(),
+            explore_rng: explore_rng.clone(),
+            replay_rng: replay_rng.clone(),
+            epsilon: *epsilon,
+        })))?;
+        checkpoint.put_network("", online);
+        checkpoint.put_network("online.", online);
+        checkpoint.put_network("target.", target);
+        checkpoint.put("adam.first_moment", &[adam.first_moment.len()], &adam.first_moment);
+        checkpoint.put("adam.second_moment", &[adam.second_moment.len()], &adam.second_moment);
+        let size = E::OBSERVATION_SIZE;
+        let contents = replay.contents();
+        let (len, nexts) = (contents.actions.len(), contents.next_observations.len() / size);
+        checkpoint.put("replay.observations", &[len, size], &contents.observations);
+        checkpoint.put("replay.actions", &[len], &contents.actions);
+        checkpoint.put("replay.rewards", &[len], &contents.rewards);
+        checkpoint.put("replay.ends", &[len], &contents.ends);
+        checkpoint.put("replay.next_observations", &[nexts, size], &contents.next_observations);
+        Ok(checkpoint)
+    }
+
+    /// The run that [`Self::checkpoint`] was taken of, to be continued with the same bits. `environment` gives
+    /// the kind of the environment; its state comes from the checkpoint.
+    ///
+    /// # Errors
+    /// When the checkpoint does not hold the state of such a run.
+    pub fn resume(checkpoint: &Checkpoint, environment: E) -> Result<Self, Problem> {
+        let header: Header<State<E, E::Observation>> = checkpoint.header()?;
+        let state = header.state.ok_or(Problem::NotResumable)?;
+        header.config.validate().map_err(|error| Problem::BadHeader(error.to_string()))?;
+        let mut trainer = Self::new(header.config, environment);
+        let agent = &mut trainer.agent;
+        checkpoint.get_network("online.", &mut agent.online)?;
+        checkpoint.get_network("target.", &mut agent.target)?;
+        let parameters = agent.online.parameters().len();
+        agent.adam.steps = state.progress.updates;
+        agent.adam.first_moment = checkpoint.get("adam.first_moment", &[parameters])?;
+        agent.adam.second_moment = checkpoint.get("adam.second_moment", &[parameters])?;
+        let len = checkpoint.shape("replay.actions")?.iter().product();
+        let nexts = checkpoint.shape("replay.next_observations")?.first().copied().unwrap_or(0);
+        let contents = ReplayContents {
+            observations: checkpoint.get("replay.observations", &[len, E::OBSERVATION_SIZE])?,
+            actions: checkpoint.get("replay.actions", &[len])?,
+            rewards: checkpoint.get("replay.rewards", &[len])?,
+            ends: checkpoint.get("replay.ends", &[len])?,
+            next_observations: checkpoint.get("replay.next_observations", &[nexts, E::OBSERVATION_SIZE])?,
+        };
+        if !agent.replay.restore(&contents, E::NUM_ACTIONS) {
+            return Err(Problem::Replay);
+        }
+        agent.explore_rng = state.explore_rng;
+        agent.replay_rng = state.replay_rng;
+        agent.epsilon = state.epsilon;
+        trainer.environment = state.environment;
+        trainer.observation = state.observation;
+        trainer.environment_rng = state.environment_rng;
+        trainer.progress = state.progress;
+        Ok(trainer)
+    }
+}
+
+/// What a run came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// The run's seed.
+    pub seed: u64,
+    /// Environment steps.
+    pub env_steps: u64,
+    /// Complete training episodes.
+    pub episodes: u64,
+    /// Gradient steps.
+    pub updates: u64,
+    /// Why it ended.
+    pub end_reason: EndReason,
+    /// The best evaluation, the first of equals: that of `best.safetensors`.
+    pub best_evaluation: Option<Evaluation>,
+    /// The evaluation at the end.
+    pub final_evaluation: Option<Evaluation>,
+    /// Environment steps before the first evaluation that solved the task.
+    pub solved_at_step: Option<u64>,
+    /// SHA-256 over the online network's parameters, see [`weights_sha256`].
+    pub weights_sha256: String,
+    /// Duration of the training in seconds.
+    pub wall_seconds: f64,
+}
+
+impl<E: Environment> Trainer<E> {
+    /// What the run came to.
+    pub fn summary(&self, end_reason: EndReason, wall_seconds: f64) -> Summary {
+        let Progress {
+            env_steps, episodes, updates, best_evaluation, last_evaluation, solved_at_step, ..
+        } = self.progress;
+        Summary {
+            seed: self.config.seed,
+            env_steps,
+            episodes,
+            updates,
+            end_reason,
+            best_evaluation,
+            final_evaluation: last_evaluation,
+            solved_at_step,
+            weights_sha256: weights_sha256(&self.agent.online),
+            wall_seconds,
+        }
+    }
+}

@@ -1,0 +1,400 @@
+//! The config: what is refused and how, how layers merge, and that nothing is lost on the way to a file and back.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use cartpole_dqn::agent::{Exploration, TargetUpdate};
+use cartpole_dqn::config::{self, Config, ConfigError};
+use cartpole_dqn::trainer::Budget;
+use serde_json::{Value, json};
+
+fn layered(file: &str, sets: &[&str]) -> Result<Config, ConfigError> {
+    let sets: Vec<String> = sets.iter().map(ToString::to_string).collect();
+    Config::from_layers(Some(("run.json", file)), &sets)
+}
+
+fn merged(file: &str, sets: &[&str]) -> Config {
+    layered(file, sets).unwrap()
+}
+
+/// The error of a file and sets must hold every fragment.
+#[track_caller]
+fn refused(file: &str, sets: &[&str], fragments: &[&str]) {
+    let message = layered(file, sets).expect_err(&format!("{file} {sets:?} must be refused")).to_string();
+    for fragment in fragments {
+        assert!(message.contains(fragment), "{file} {sets:?}\n  says    {message}\n  without {fragment}");
+    }
+}
+
+fn shipped_configs() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let paths = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    paths.filter(|path| path.extension().is_some_and(|extension| extension == "json")).collect()
+}
+
+#[test]
+fn the_default_is_the_documented_plain_dqn() {
+    let documented = json!({
+        "seed": 0,
+        "environment": "CartPole-v1",
+        "network": {"hidden": [24, 24], "init": "torch"},
+        "optimizer": {"learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8},
+        "loss": "mse",
+        "gamma": 0.99,
+        "replay": {"capacity": 50_000, "batch_size": 32, "warmup_steps": 1000, "update": "minibatch"},
+        "learn": {"every_steps": 1, "updates": 1},
+        "exploration": {"schedule": "linear", "initial": 1.0, "final": 0.05, "steps": 10_000},
+        "target": {"kind": "hard", "every_steps": 500},
+        "truncation_is_terminal": false,
+        "budget": {"steps": 50_000},
+        "evaluation": {"every_steps": 1000, "episodes": 20},
+        "checkpoint": {"every_steps": 10_000},
+        "stop_when_solved": false,
+    });
+    assert_eq!(serde_json::to_value(Config::default()).unwrap(), documented);
+    Config::default().validate().unwrap();
+    assert_eq!(Config::from_layers(None, &[]).unwrap(), Config::default());
+    assert_eq!(merged("{}", &[]), Config::default());
+    assert_eq!(
+        merged(r#"{"budget": {}, "target": {}, "exploration": {}, "network": {}}"#, &[]),
+        Config::default()
+    );
+}
+
+#[test]
+fn a_config_survives_its_file() {
+    let far_from_default = [
+        &["seed=18446744073709551615", "budget.episodes=7", "target.every_episodes=3", "loss=huber"][..],
+        &[
+            "exploration.schedule=per_episode",
+            "target.kind=none",
+            "network.hidden=[]",
+            "gamma=0.1234567890123456789",
+        ],
+        &[
+            "stop_when_solved=true",
+            "optimizer.epsilon=1e-7",
+            "replay.update=per_sample",
+            "network.init=he_uniform",
+        ],
+    ];
+    for sets in far_from_default {
+        let config = merged("{}", sets);
+        let file = serde_json::to_string_pretty(&config).unwrap();
+        assert_eq!(merged(&file, &[]), config, "{file}");
+        config.validate().unwrap();
+    }
+}
+
+#[test]
+fn every_shipped_config_is_valid() {
+    let paths = shipped_configs();
+    assert!(!paths.is_empty());
+    for path in paths {
+        let text = config::read_file(&path).unwrap();
+        let config = Config::from_layers(Some((&path.to_string_lossy(), &text)), &[]).unwrap();
+        config.validate().unwrap();
+    }
+}
+
+#[test]
+fn every_key_of_a_resolved_config_can_be_set() {
+    let everything = ["{}", r#"{"exploration": {"schedule": "per_episode"}, "budget": {"episodes": 2}}"#];
+    for file in everything {
+        let config = merged(file, &[]);
+        for (key, value) in serde_json::to_value(&config).unwrap().as_object().unwrap() {
+            assert_eq!(merged(file, &[&format!("{key}={value}")]), config);
+            for (member, value) in value.as_object().into_iter().flatten() {
+                assert_eq!(merged(file, &[&format!("{key}.{member}={value}")]), config, "{key}.{member}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_later_layer_wins() {
+    let file =
+        r#"{"$schema": "https://example.org/config.json", "gamma": 0.9, "replay": {"batch_size": 16}}"#;
+    let config = merged(file, &["gamma=0.8", "gamma=0.7", "network.hidden=[8,4]", "environment=CartPole-v1"]);
+    assert_eq!(config.gamma, 0.7);
+    assert_eq!(config.replay.batch_size, 16);
+    assert_eq!(config.replay.capacity, 50_000);
+    assert_eq!(config.network.hidden, [8, 4]);
+    assert_eq!(merged(file, &[r#"replay={"batch_size":8}"#]).replay.batch_size, 8);
+    assert_eq!(merged("\u{feff}{\"seed\": 3}", &[]).seed, 3);
+}
+
+#[test]
+fn a_whole_number_may_be_written_as_a_float() {
+    let config =
+        merged(r#"{"budget": {"steps": 3e4}, "network": {"hidden": [16.0]}, "gamma": 1}"#, &["seed=5.0"]);
+    assert_eq!((config.budget, config.seed, config.gamma), (Budget::Steps(30_000), 5, 1.0));
+    assert_eq!(config.network.hidden, [16]);
+}
+
+#[test]
+fn one_alternative_replaces_the_other() {
+    let per_episodes = r#"{"budget": {"episodes": 5}, "target": {"kind": "hard", "every_episodes": 10}}"#;
+    assert_eq!(merged(per_episodes, &[]).budget, Budget::Episodes(5));
+    assert_eq!(merged(per_episodes, &["budget.steps=2000"]).budget, Budget::Steps(2000));
+    assert_eq!(
+        merged(r#"{"budget": {"steps": 2000}}"#, &["budget.episodes=10"]).budget,
+        Budget::Episodes(10)
+    );
+
+    let target = |file, sets: &[&str]| merged(file, sets).target;
+    assert_eq!(target(per_episodes, &[]), TargetUpdate::EveryEpisodes(10));
+    assert_eq!(target(per_episodes, &["target.kind=hard"]), TargetUpdate::EveryEpisodes(10));
+    assert_eq!(target(per_episodes, &["target.every_steps=500"]), TargetUpdate::EverySteps(500));
+    assert_eq!(target(per_episodes, &["target.kind=none"]), TargetUpdate::None);
+    let none = r#"{"target": {"kind": "none"}}"#;
+    assert_eq!(target(none, &["target.kind=hard"]), TargetUpdate::EverySteps(500));
+    assert_eq!(
+        target(none, &["target.every_episodes=2", "target.kind=hard"]),
+        TargetUpdate::EveryEpisodes(2)
+    );
+}
+
+#[test]
+fn a_changed_schedule_keeps_what_the_two_share() {
+    let exploration = |file, sets: &[&str]| merged(file, sets).exploration;
+    let linear = r#"{"exploration": {"schedule": "linear", "initial": 0.9, "steps": 77}}"#;
+    assert_eq!(
+        exploration(linear, &["exploration.schedule=per_episode"]),
+        Exploration::PerEpisode { initial: 0.9, final_: 0.01, decay: 0.995 }
+    );
+    assert_eq!(
+        exploration("{}", &["exploration.decay=0.5", "exploration.schedule=per_episode"]),
+        Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.5 }
+    );
+    assert_eq!(
+        exploration(linear, &["exploration.final=0.2"]),
+        Exploration::Linear { initial: 0.9, final_: 0.2, steps: 77 }
+    );
+    let per_episode = r#"{"exploration": {"schedule": "per_episode", "final": 0.3, "decay": 0.5}}"#;
+    assert_eq!(
+        exploration(per_episode, &["exploration.schedule=linear"]),
+        Exploration::Linear { initial: 1.0, final_: 0.3, steps: 10_000 }
+    );
+}
+
+#[test]
+fn a_key_of_another_alternative_is_refused() {
+    refused(
+        r#"{"budget": {"steps": 2000, "episodes": 2}}"#,
+        &[],
+        &["run.json", "`budget.episodes`", "\"steps\""],
+    );
+    refused(
+        r#"{"budget": {"episodes": 2}}"#,
+        &["budget.steps=2000", "budget.episodes=3"],
+        &["--set", "`budget.steps`"],
+    );
+    refused(
+        r#"{"exploration": {"schedule": "per_episode", "steps": 5}}"#,
+        &["exploration.schedule=linear"],
+        &["run.json", "`exploration.steps`", r#"{"schedule": "per_episode", "initial", "final", "decay"}"#],
+    );
+    refused("{}", &["exploration.decay=0.5"], &["--set", "`exploration.decay`", "linear"]);
+    refused(r#"{"target": {"kind": "none", "every_steps": 5}}"#, &[], &["`target.every_steps`", "none"]);
+    refused(r#"{"target": {"kind": "none"}}"#, &["target.every_steps=5"], &["--set", "`target.every_steps`"]);
+    refused(
+        "{}",
+        &["target.every_steps=5", "target.every_episodes=5"],
+        &["`target.every_episodes`", "every_steps"],
+    );
+}
+
+#[test]
+fn what_is_not_json_is_refused_with_its_place() {
+    refused("{\n  \"gamma\": 0.9,\n}", &[], &["run.json", "line 3 column 1"]);
+    refused("", &[], &["run.json", "line 1"]);
+    refused(r#"{"gamma": 1e999}"#, &[], &["run.json", "number out of range", "line 1"]);
+    refused("[1]", &[], &["run.json", "expected an object"]);
+    refused("null", &[], &["run.json", "expected an object"]);
+    refused(&"[".repeat(100_000), &[], &["run.json"]);
+    refused(&format!("{}1", r#"{"a":"#.repeat(100_000)), &[], &["run.json", "recursion limit"]);
+}
+
+#[test]
+fn keys_that_are_unknown_or_come_twice_are_refused() {
+    refused(r#"{"gama": 0.9}"#, &[], &["run.json", "unknown key `gama`", "did you mean `gamma`?"]);
+    refused("{}", &["learning_rate=0.1"], &["--set", "did you mean `optimizer.learning_rate`?"]);
+    refused("{}", &["optimiser.beta1=0.1"], &["did you mean `optimizer.beta1`?"]);
+    refused(
+        r#"{"zzz": 1}"#,
+        &[],
+        &["unknown key `zzz`", "`seed`, `environment`, `network`", "`stop_when_solved`"],
+    );
+    refused(
+        r#"{"replay": {"zzz": 1}}"#,
+        &[],
+        &["`replay.zzz`", "`capacity`, `batch_size`, `warmup_steps`, `update`"],
+    );
+    refused(r#"{"gamma.x": 1}"#, &[], &["unknown key `gamma.x`"]);
+    refused("{}", &["=1"], &["--set", "unknown key ``"]);
+    refused("{}", &["gamma"], &["--set gamma", "key.path=value"]);
+    refused(&format!(r#"{{"{}": 1}}"#, "k".repeat(500_000)), &[], &["unknown key", "allowed"]);
+
+    refused(r#"{"gamma": 0.9, "seed": 1, "gamma": 0.8}"#, &[], &["run.json", "duplicate key `gamma`"]);
+    refused(r#"{"replay": {"capacity": 99, "capacity": 98}}"#, &[], &["duplicate key `replay.capacity`"]);
+    refused(r#"{"replay": {"capacity": 99}, "replay": {"batch_size": 9}}"#, &[], &["duplicate key `replay`"]);
+    refused(
+        r#"{"replay": {"capacity": 99}, "replay.capacity": 98}"#,
+        &[],
+        &["duplicate key `replay.capacity`"],
+    );
+    refused("{}", &[r#"budget={"steps":2000,"steps":3000}"#], &["--set", "duplicate key `budget.steps`"]);
+}
+
+#[test]
+fn a_value_of_a_wrong_type_or_out_of_range_is_refused() {
+    let table = [
+        ("seed=-1", "an integer from 0 to 2^64 - 1"),
+        ("seed=1.5", "an integer"),
+        ("environment=CartPole-v0", "\"CartPole-v1\""),
+        ("network=24", "an object with `hidden`, `init`"),
+        ("network.hidden=24", "a list of at most 16 integers"),
+        ("network.hidden=[24,0]", "each from 1 to 4096"),
+        ("network.hidden=[4097]", "each from 1 to 4096"),
+        ("network.hidden=[1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1]", "at most 16"),
+        ("network.init=zeros", "\"glorot_uniform\" or \"he_uniform\" or \"torch\""),
+        ("optimizer.learning_rate=-0.001", "above 0"),
+        ("optimizer.learning_rate=0", "above 0"),
+        ("optimizer.learning_rate=fast", "a number"),
+        ("optimizer.beta1=1", "below 1"),
+        ("optimizer.beta2=-0.1", "from 0"),
+        ("optimizer.epsilon=0", "a number from 1e-30"),
+        ("loss=l1", "\"mse\" or \"huber\""),
+        ("gamma=1.01", "from 0 to 1"),
+        ("gamma=1e999", "from 0 to 1"),
+        ("gamma=NaN", "from 0 to 1"),
+        ("gamma=null", "from 0 to 1"),
+        ("gamma={}", "from 0 to 1"),
+        ("gamma=", "from 0 to 1"),
+        ("replay.capacity=0", "from 1 to 100000000"),
+        ("replay.capacity=100000001", "from 1 to 100000000"),
+        ("replay.batch_size=0", "from 1 to 65536"),
+        ("replay.batch_size=65537", "from 1 to 65536"),
+        ("replay.batch_size=1.5", "an integer"),
+        ("replay.update=all", "\"minibatch\" or \"per_sample\""),
+        ("learn.every_steps=0", "from 1"),
+        ("learn.updates=0", "from 1 to 4294967295"),
+        ("exploration=linear", "an object with `schedule`"),
+        ("exploration.schedule=cosine", "\"per_episode\" or \"linear\""),
+        ("exploration.initial=1.1", "from 0 to 1"),
+        ("exploration.final=-0.1", "from 0 to 1"),
+        ("exploration.steps=0", "from 1"),
+        ("exploration.decay=0", "above 0 and at most 1"),
+        ("target=none", "an object with `kind`"),
+        ("target.kind=polyak", "\"hard\" or \"none\""),
+        ("target.every_steps=0", "from 1"),
+        ("target.every_episodes=0", "from 1"),
+        ("truncation_is_terminal=1", "true or false"),
+        ("budget=5", "an object with `steps`, `episodes`"),
+        ("budget.steps=0", "from 1"),
+        ("budget.episodes=0", "from 1"),
+        ("evaluation.every_steps=0", "from 1"),
+        ("evaluation.episodes=0", "from 1 to 100000"),
+        ("evaluation.episodes=100001", "from 1 to 100000"),
+        ("checkpoint.every_steps=0", "from 1"),
+        ("stop_when_solved=yes", "true or false"),
+        ("$schema=1", "a string"),
+    ];
+    for (set, allowed) in table {
+        let (key, value) = set.split_once('=').unwrap();
+        refused("{}", &[set], &["--set: ", &format!("`{key}` is "), value, "allowed: ", allowed]);
+    }
+    refused(r#"{"gamma": "high"}"#, &[], &["run.json: ", "`gamma` is \"high\"", "a number from 0 to 1"]);
+    refused(r#"{"seed": 18446744073709551616}"#, &[], &["`seed` is 1.8", "2^64 - 1"]);
+    refused(r#"{"gamma": "\u001b[31m\u009b"}"#, &[], &["\\u001b[31m\u{fffd}"]);
+}
+
+#[test]
+fn values_that_do_not_go_together_are_refused() {
+    let table: [(&str, &[&str], &[&str]); 7] = [
+        (
+            "{}",
+            &["replay.capacity=16"],
+            &["`replay.batch_size` is 32", "at most `replay.capacity`, which is 16"],
+        ),
+        (
+            "{}",
+            &["exploration.initial=0.01"],
+            &["`exploration.final` is 0.05", "at most `exploration.initial`"],
+        ),
+        (
+            "{}",
+            &["budget.steps=1000"],
+            &["`budget.steps` is 1000", "at least 1001", "`replay.warmup_steps` is 1000"],
+        ),
+        (
+            "{}",
+            &["budget.steps=31", "replay.warmup_steps=0"],
+            &["`budget.steps` is 31", "`replay.batch_size` 32"],
+        ),
+        (
+            "{}",
+            &["budget.steps=2000", "learn.every_steps=2001"],
+            &["at least 2001", "`learn.every_steps` 2001"],
+        ),
+        ("{}", &["replay.warmup_steps=18446744073709551615"], &["`budget.steps` is 50000"]),
+        (r#"{"gamma": 0.5}"#, &["budget.steps=5"], &["run.json with --set: "]),
+    ];
+    for (file, sets, fragments) in table {
+        refused(file, sets, fragments);
+    }
+    merged("{}", &["budget.steps=1001"]);
+    merged("{}", &["budget.steps=32", "replay.warmup_steps=0", "replay.capacity=32"]);
+    merged("{}", &["budget.episodes=1", "replay.warmup_steps=1000000"]);
+}
+
+#[test]
+fn validate_finds_what_code_has_set() {
+    let broken: [fn(&mut Config); 4] = [
+        |config| config.gamma = f64::NAN,
+        |config| config.optimizer.learning_rate = -1.0,
+        |config| config.replay.batch_size = 50_001,
+        |config| config.budget = Budget::Steps(0),
+    ];
+    for (key, change) in
+        ["`gamma`", "`optimizer.learning_rate`", "`replay.batch_size`", "`budget.steps`"].iter().zip(broken)
+    {
+        let mut config = Config::default();
+        change(&mut config);
+        let message = config.validate().unwrap_err().to_string();
+        assert!(message.contains(key), "{message}");
+    }
+}
+
+#[test]
+fn a_file_that_cannot_be_read_is_named_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let written = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        path
+    };
+    let spaces = |count: usize| vec![b' '; count];
+    let table = [
+        (folder.path().join("missing.json"), "missing.json: "),
+        (folder.path().to_path_buf(), "directory"),
+        (written("latin1.json", b"{\"loss\": \"\xe4\"}"), "latin1.json: invalid utf-8"),
+        (written("large.json", &spaces((1 << 20) + 1)), "large.json: larger than 1 MiB"),
+    ];
+    for (path, fragment) in table {
+        let message = config::read_file(&path).unwrap_err().to_string();
+        assert!(message.starts_with("cannot read ") && message.contains(fragment), "{message}");
+    }
+    assert_eq!(config::read_file(&written("just.json", &spaces(1 << 20))).unwrap().len(), 1 << 20);
+}
+
+#[test]
+fn the_sets_of_a_layer_have_no_order() {
+    let sets = ["target.kind=hard", "target.every_episodes=4", "budget.episodes=3", "exploration.decay=0.9"];
+    let file = r#"{"exploration": {"schedule": "per_episode"}, "target": {"kind": "none"}}"#;
+    let forward = merged(file, &sets);
+    let backward: Vec<&str> = sets.into_iter().rev().collect();
+    assert_eq!(merged(file, &backward), forward);
+    assert_eq!(serde_json::to_value(forward.target).unwrap()["every_episodes"], Value::from(4));
+}

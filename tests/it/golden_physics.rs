@@ -1,0 +1,95 @@
+//! The physics against episodes recorded from Gymnasium.
+
+use cartpole_dqn::env::{CartPole, Environment};
+use cartpole_dqn::rng::Rng;
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+struct Episode {
+    seed: u64,
+    initial_state: [f64; 4],
+    actions: Vec<usize>,
+    states: Vec<[f64; 4]>,
+    terminated: bool,
+    truncated: bool,
+}
+
+fn episodes(name: &str) -> Vec<Episode> {
+    let episodes: Vec<Episode> = serde_json::from_value(crate::golden(name)["episodes"].clone()).unwrap();
+    assert!(!episodes.is_empty());
+    episodes
+}
+
+fn every_transition_agrees(name: &str) {
+    for Episode { seed, initial_state, actions, states, terminated, truncated } in episodes(name) {
+        // The time limit counts; the state before each step is the recorded one, because the pole is unstable.
+        let mut limit = CartPole::v1();
+        limit.reset(&mut Rng::from_seed(seed));
+        let befores = std::iter::once(&initial_state).chain(&states);
+        for (index, ((before, after), &action)) in befores.zip(&states).zip(&actions).enumerate() {
+            let mut physics = CartPole::at(*before);
+            let step = physics.step(action);
+            let truncates = limit.step(action).truncated;
+            for (ours, theirs) in physics.state().iter().zip(after) {
+                assert!((ours - theirs).abs() <= 1e-14, "seed {seed}, step {index}: {ours} for {theirs}");
+            }
+            assert_eq!(step.observation, after.map(|coordinate| coordinate as f32));
+            assert_eq!(step.reward, 1.0);
+            let last = index + 1 == actions.len();
+            assert_eq!(step.terminated, last && terminated, "seed {seed}, step {index}");
+            assert_eq!(truncates, last && truncated, "seed {seed}, step {index}");
+        }
+    }
+}
+
+fn every_reset_agrees_to_the_bit(name: &str) {
+    for Episode { seed, initial_state, .. } in episodes(name) {
+        let mut environment = CartPole::v1();
+        let observation = environment.reset(&mut Rng::from_seed(seed));
+        let bits = |state: &[f64]| state.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(environment.state()), bits(&initial_state), "seed {seed}");
+        assert_eq!(observation, initial_state.map(|coordinate| coordinate as f32), "seed {seed}");
+    }
+}
+
+#[test]
+fn golden_gymnasium_transitions() {
+    every_transition_agrees("gymnasium_cartpole_v1.json");
+}
+
+#[test]
+fn golden_gymnasium_resets() {
+    every_reset_agrees_to_the_bit("gymnasium_cartpole_v1.json");
+}
+
+/// Episodes that end on |x|, at the time limit, and on both at once; seeds of two words.
+#[test]
+fn golden_gymnasium_edges() {
+    // A folder of somebody's own recordings need not have this one.
+    if std::env::var_os("CARTPOLE_DQN_GOLDEN").is_some() {
+        return;
+    }
+    every_transition_agrees("gymnasium_cartpole_edges.json");
+    every_reset_agrees_to_the_bit("gymnasium_cartpole_edges.json");
+    let ends_on_x = |episode: &Episode| {
+        let [x, _, theta, _] = *episode.states.last().unwrap();
+        episode.terminated && x.abs() > 2.4 && theta.abs() < 0.2
+    };
+    assert!(episodes("gymnasium_cartpole_edges.json").iter().any(ends_on_x));
+}
+
+#[test]
+fn the_limits_are_gymnasiums() {
+    let max_angle = 12.0 * 2.0 * std::f64::consts::PI / 360.0;
+    for (state, terminated) in [
+        ([2.4, 0.0, 0.0, 0.0], false),
+        ([2.4 + 1e-9, 0.0, 0.0, 0.0], true),
+        ([-2.4 - 1e-9, 0.0, 0.0, 0.0], true),
+        ([0.0, 0.0, max_angle, 0.0], false),
+        ([0.0, 0.0, max_angle + 1e-9, 0.0], true),
+        ([0.0, 0.0, -max_angle - 1e-9, 0.0], true),
+    ] {
+        // A step with no velocity leaves x and θ where they are.
+        assert_eq!(CartPole::at(state).step(0).terminated, terminated, "{state:?}");
+    }
+}

@@ -1,0 +1,132 @@
+//! The fast kernels against the naive reference, bit for bit, on every path that this CPU has.
+
+use cartpole_dqn::nn::kernels::{AdamCoefficients, Path, fast, reference};
+use cartpole_dqn::rng::Rng;
+use nalgebra::DMatrix;
+
+/// Mostly ordinary numbers, some zeros of both signs.
+fn number(rng: &mut Rng) -> f32 {
+    match rng.below(12) {
+        0 => 0.0,
+        1 => -0.0,
+        _ => rng.uniform(-2.0, 2.0) as f32,
+    }
+}
+
+fn matrix(rng: &mut Rng, rows: usize, columns: usize) -> DMatrix<f32> {
+    DMatrix::from_fn(rows, columns, |_, _| number(rng))
+}
+
+fn assert_same_bits(ours: &[f32], reference: &[f32], what: &str) {
+    for (index, (ours, reference)) in ours.iter().zip(reference).enumerate() {
+        let same = ours.to_bits() == reference.to_bits() || (ours.is_nan() && reference.is_nan());
+        assert!(same, "{what}: element {index} is {ours:e}, the reference says {reference:e}");
+    }
+}
+
+/// All sizes of a layer in `range`, with outputs pre-filled with NaN, so that nothing stale is kept.
+fn compare(batch: usize, inputs: usize, outputs: usize, rng: &mut Rng, spoil: Option<f32>) {
+    let nan = |rows, columns| DMatrix::from_element(rows, columns, f32::NAN);
+    let mut x = matrix(rng, batch, inputs);
+    let mut layer: Vec<f32> = (0..(inputs + 1) * outputs).map(|_| number(rng)).collect();
+    let dy = matrix(rng, batch, outputs);
+    if let Some(value) = spoil {
+        x[(batch / 2, inputs / 2)] = value;
+        layer[outputs / 2] = -value;
+    }
+    for path in Path::of_this_cpu_and_narrower() {
+        let what = format!("{path:?}, batch {batch}, {inputs} -> {outputs}");
+        for relu in [false, true] {
+            let (mut ours, mut expected) = (nan(batch, outputs), nan(batch, outputs));
+            fast::affine(path, &x, &layer, relu, &mut ours);
+            reference::affine(&x, &layer, relu, &mut expected);
+            assert_same_bits(ours.as_slice(), expected.as_slice(), &format!("affine, {what}"));
+        }
+        let (mut ours, mut expected) = (nan(batch, inputs), nan(batch, inputs));
+        fast::input_gradient(path, &dy, &layer, &x, &mut ours);
+        reference::input_gradient(&dy, &layer, &x, &mut expected);
+        assert_same_bits(ours.as_slice(), expected.as_slice(), &format!("input_gradient, {what}"));
+
+        let (mut ours, mut expected) = (vec![f32::NAN; layer.len()], vec![f32::NAN; layer.len()]);
+        fast::layer_gradient(path, &dy, &x, &mut vec![f32::NAN; batch * outputs], &mut ours);
+        reference::layer_gradient(&dy, &x, &mut expected);
+        assert_same_bits(&ours, &expected, &format!("layer_gradient, {what}"));
+    }
+}
+
+#[test]
+fn every_small_size_has_the_references_bits() {
+    let mut rng = Rng::from_seed(7);
+    for size in 1..=40 {
+        for other in 1..=40 {
+            compare(size, other, 1 + (size * 7 + other * 3) % 40, &mut rng, None);
+        }
+    }
+}
+
+#[test]
+fn every_number_of_outputs_has_the_references_bits() {
+    let mut rng = Rng::from_seed(8);
+    for outputs in 1..=40 {
+        for batch in [1, 2, 7, 8, 9, 16, 31, 32, 33, 40] {
+            compare(batch, 1 + (outputs * 5) % 13, outputs, &mut rng, None);
+        }
+    }
+}
+
+#[test]
+fn odd_large_sizes_have_the_references_bits() {
+    let mut rng = Rng::from_seed(9);
+    for (batch, inputs, outputs) in
+        [(1, 129, 67), (67, 65, 257), (128, 120, 84), (100, 48, 48), (257, 3, 131)]
+    {
+        compare(batch, inputs, outputs, &mut rng, None);
+    }
+}
+
+#[test]
+fn nan_and_infinity_go_where_the_reference_lets_them() {
+    let mut rng = Rng::from_seed(10);
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MIN_POSITIVE / 4.0] {
+        for batch in [1, 5, 8, 32] {
+            compare(batch, 9, 11, &mut rng, Some(value));
+        }
+    }
+}
+
+#[test]
+fn adam_has_the_references_bits() {
+    let mut rng = Rng::from_seed(11);
+    let coefficients = AdamCoefficients {
+        beta1: 0.9_f32,
+        one_minus_beta1: 0.1,
+        beta2: 0.999,
+        one_minus_beta2: 0.001,
+        step_size: 0.01,
+        second_moment_scale: 3.0,
+        epsilon: 1e-8,
+    };
+    for len in (1..=40).chain([770, 1001]) {
+        let [parameters, gradient, first] =
+            std::array::from_fn(|_| (0..len).map(|_| number(&mut rng)).collect::<Vec<_>>());
+        let second: Vec<f32> = (0..len).map(|_| number(&mut rng).abs()).collect();
+        let mut expected = [parameters.clone(), first.clone(), second.clone()];
+        let [p, m, v] = &mut expected;
+        assert!(reference::adam(&coefficients, p, &gradient, m, v));
+        for path in Path::of_this_cpu_and_narrower() {
+            let mut ours = [parameters.clone(), first.clone(), second.clone()];
+            let [p, m, v] = &mut ours;
+            assert!(fast::adam(path, &coefficients, p, &gradient, m, v));
+            for (ours, expected) in ours.iter().zip(&expected) {
+                assert_same_bits(ours, expected, &format!("adam, {path:?}, {len} parameters"));
+            }
+            for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+                let mut gradient = gradient.clone();
+                gradient[len - 1] = bad;
+                let [mut p, mut m, mut v] = [parameters.clone(), first.clone(), second.clone()];
+                let finite = fast::adam(path, &coefficients, &mut p, &gradient, &mut m, &mut v);
+                assert!(!finite, "{path:?} overlooked the gradient {bad}");
+            }
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! Integration tests: one binary.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod config;
+mod golden_physics;
+mod golden_update;
+mod kernels;
+mod replay;
+mod training;
+
+use std::path::PathBuf;
+
+/// A recording: from `CARTPOLE_DQN_GOLDEN` where it is set, else from tests/data.
+fn golden(name: &str) -> serde_json::Value {
+    let folder = std::env::var_os("CARTPOLE_DQN_GOLDEN")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data"), PathBuf::from);
+    let path = folder.join(name);
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    serde_json::from_str(&text).unwrap()
+}
+
+/// The numbers of an array of any depth, in order.
+fn numbers(value: &serde_json::Value) -> Vec<f64> {
+    match value {
+        serde_json::Value::Array(values) => values.iter().flat_map(numbers).collect(),
+        value => vec![value.as_f64().unwrap()],
+    }
+}
