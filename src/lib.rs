@@ -31,3 +31,8 @@ pub mod nn;
 pub mod rng;
 pub mod sink;
 pub mod trainer;
+
+/// The README's example, compiled and run by `cargo test`.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -5,8 +5,6 @@
 //! follows, has its own place in `finals`. One slot is spare, so that the newest transition has a following slot
 //! when the ring is full. With four numbers an observation a transition takes 22 bytes and one bit.
 
-use std::collections::VecDeque;
-
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -117,8 +115,10 @@ pub struct Replay {
     rewards: Vec<f32>,
     ends: Vec<End>,
     /// The slots whose transition ended an episode, the oldest first, and the observations it ended with.
-    final_slots: VecDeque<usize>,
-    final_observations: VecDeque<f32>,
+    final_slots: Vec<usize>,
+    final_observations: Vec<f32>,
+    /// How many of them, from the front, belong to transitions that are forgotten.
+    forgotten_finals: usize,
     /// Slot of the oldest transition.
     oldest: usize,
     len: usize,
@@ -137,8 +137,9 @@ impl Replay {
             actions: vec![0; slots],
             rewards: vec![0.0; slots],
             ends: vec![End::Continues; slots],
-            final_slots: VecDeque::new(),
-            final_observations: VecDeque::new(),
+            final_slots: Vec::new(),
+            final_observations: Vec::new(),
+            forgotten_finals: 0,
             oldest: 0,
             len: 0,
             drawn: vec![0; capacity.div_ceil(64)],
@@ -158,10 +159,7 @@ impl Replay {
     /// Remembers a transition and forgets the oldest if the memory is full.
     pub fn push(&mut self, transition: Transition) {
         if self.len == self.capacity {
-            if self.final_slots.front() == Some(&self.oldest) {
-                self.final_slots.pop_front();
-                self.final_observations.drain(..self.observation_size);
-            }
+            self.forget_final_of(self.oldest);
             self.oldest = self.following(self.oldest);
             self.len -= 1;
         }
@@ -179,8 +177,20 @@ impl Replay {
             let following = self.following(slot);
             self.observation_mut(following).copy_from_slice(transition.next_observation);
         } else {
-            self.final_slots.push_back(slot);
+            self.final_slots.push(slot);
             self.final_observations.extend(transition.next_observation);
+        }
+    }
+
+    /// Forgets the final observation of a transition if it has one, and frees the room when half of it is forgotten.
+    fn forget_final_of(&mut self, slot: usize) {
+        if self.final_slots.get(self.forgotten_finals) == Some(&slot) {
+            self.forgotten_finals += 1;
+        }
+        if self.forgotten_finals > self.final_slots.len() / 2 {
+            self.final_slots.drain(..self.forgotten_finals);
+            self.final_observations.drain(..self.forgotten_finals * self.observation_size);
+            self.forgotten_finals = 0;
         }
     }
 
@@ -205,17 +215,21 @@ impl Replay {
 
     /// Copies the transitions of these ages into a minibatch of as many.
     pub fn gather(&self, ages: &[usize], minibatch: &mut Minibatch) {
+        let batch = ages.len();
+        let observations = minibatch.observations.as_mut_slice();
+        let next_observations = minibatch.next_observations.as_mut_slice();
         for (sample, &age) in ages.iter().enumerate() {
             let slot = self.slot(age);
             minibatch.actions[sample] = self.actions[slot];
             minibatch.rewards[sample] = self.rewards[slot];
             minibatch.terminated[sample] = self.ends[slot] == End::Terminated;
-            for (feature, &value) in self.observation(slot).iter().enumerate() {
-                minibatch.observations[(sample, feature)] = value;
-            }
-            for (feature, value) in self.next_observation(slot).enumerate() {
-                minibatch.next_observations[(sample, feature)] = value;
-            }
+            let column = |features: &mut [f32], values: &[f32]| {
+                for (feature, &value) in features[sample..].iter_mut().step_by(batch).zip(values) {
+                    *feature = value;
+                }
+            };
+            column(observations, self.observation(slot));
+            column(next_observations, self.next_observation(slot));
         }
     }
 
@@ -287,14 +301,13 @@ impl Replay {
         &mut self.observations[slot * self.observation_size..][..self.observation_size]
     }
 
-    fn next_observation(&self, slot: usize) -> impl Iterator<Item = f32> {
-        let (ring, finals) = if self.ends[slot] == End::Continues {
-            (self.observation(self.following(slot)), 0..0)
-        } else {
-            let age = self.age(slot);
-            let index = self.final_slots.partition_point(|&slot| self.age(slot) < age);
-            (&[][..], index * self.observation_size..(index + 1) * self.observation_size)
-        };
-        ring.iter().chain(self.final_observations.range(finals)).copied()
+    fn next_observation(&self, slot: usize) -> &[f32] {
+        if self.ends[slot] == End::Continues {
+            return self.observation(self.following(slot));
+        }
+        let age = self.age(slot);
+        let finals = &self.final_slots[self.forgotten_finals..];
+        let index = self.forgotten_finals + finals.partition_point(|&slot| self.age(slot) < age);
+        &self.final_observations[index * self.observation_size..][..self.observation_size]
     }
 }

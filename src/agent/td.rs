@@ -14,7 +14,14 @@ pub fn targets<T: Float>(
     next_q: &DMatrix<T>,
     targets: &mut [T],
 ) {
-    double_targets(gamma, rewards, terminated, next_q, next_q, targets);
+    let (first, others) = next_q.as_slice().split_at(targets.len());
+    targets.copy_from_slice(first);
+    for action_values in others.chunks_exact(targets.len()) {
+        for (largest, &value) in targets.iter_mut().zip(action_values) {
+            *largest = if value > *largest { value } else { *largest };
+        }
+    }
+    bootstrap(gamma, rewards, terminated, targets);
 }
 
 /// Double Q-learning's targets (van Hasselt, Guez and Silver 2016, eq. 4): the online network chooses the next
@@ -28,9 +35,15 @@ pub fn double_targets<T: Float>(
     targets: &mut [T],
 ) {
     for (sample, target) in targets.iter_mut().enumerate() {
-        let next_value = next_q_target[(sample, argmax(next_q_online, sample))];
-        *target =
-            if terminated[sample] { rewards[sample] } else { gamma.mul_add(next_value, rewards[sample]) };
+        *target = next_q_target[(sample, argmax(next_q_online, sample))];
+    }
+    bootstrap(gamma, rewards, terminated, targets);
+}
+
+/// From the next observations' values to targets, in place.
+fn bootstrap<T: Float>(gamma: T, rewards: &[T], terminated: &[bool], targets: &mut [T]) {
+    for ((target, &reward), &terminated) in targets.iter_mut().zip(rewards).zip(terminated) {
+        *target = if terminated { reward } else { gamma * *target + reward };
     }
 }
 
@@ -43,13 +56,16 @@ pub fn loss<T: Float>(
     targets: &[T],
     q_gradient: &mut DMatrix<T>,
 ) -> T {
-    let scale = T::ONE / T::from_f64(targets.len() as f64);
+    let batch = targets.len();
+    let scale = T::ONE / T::from_f64(batch as f64);
+    let (q, q_gradient) = (q.as_slice(), q_gradient.as_mut_slice());
     let mut sum = T::ZERO;
     q_gradient.fill(T::ZERO);
     for (sample, (&action, &target)) in actions.iter().zip(targets).enumerate() {
-        let td_error = q[(sample, usize::from(action))] - target;
+        let taken = usize::from(action) * batch + sample;
+        let td_error = q[taken] - target;
         sum += loss.value(td_error);
-        q_gradient[(sample, usize::from(action))] = loss.derivative(td_error) * scale;
+        q_gradient[taken] = loss.derivative(td_error) * scale;
     }
     sum * scale
 }

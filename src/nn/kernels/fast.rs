@@ -156,7 +156,6 @@ kernel! {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
         assert!(dy.nrows() == batch && gradient.len() == (inputs + 1) * outputs);
         let dy_transposed = &mut dy_transposed[..batch * outputs];
-        transpose(dy.as_slice(), batch, dy_transposed);
         let (weight, bias) = gradient.split_at_mut(inputs * outputs);
         let product = Product {
             rows: inputs,
@@ -165,13 +164,14 @@ kernel! {
             a: x.as_slice().as_ptr(),
             a_row: batch,
             a_column: 1,
-            b: dy_transposed.as_ptr(),
+            b: dy_transposed.as_mut_ptr(),
             c: weight.as_mut_ptr(),
         };
         // The bias is the weight of an input that is always 1.
         let ones = Product { rows: 1, a: &1.0, a_row: 0, a_column: 0, c: bias.as_mut_ptr(), ..product };
         // SAFETY: the operands have the asserted sizes; A's strides are 0 where it is one number.
         unsafe {
+            transpose::<V>(dy.as_slice().as_ptr(), outputs, batch, dy_transposed.as_mut_ptr());
             product.compute::<V>(Plain);
             ones.compute::<V>(Plain);
         }
@@ -219,6 +219,28 @@ kernel! {
             let mut lanes = [0.0; 16];
             zeros.store(lanes.as_mut_ptr());
             lanes.iter().all(|&zero| zero == 0.0)
+        }
+    }
+}
+
+kernel! {
+    /// `rounds` times x ← x · `factor` + `summand` on as many independent vectors as keep the units busy; returns the
+    /// multiply-adds done and a sum of the vectors. The benchmarks' measure of the machine's peak.
+    pub fn peak<V>(rounds: u64, factor: f32, summand: f32) -> (u64, f32) {
+        const VECTORS: usize = 12;
+        // SAFETY: the macro calls this where the instruction set is there.
+        unsafe {
+            let (factor, summand) = (V::splat(factor), V::splat(summand));
+            let mut vectors: [V; VECTORS] = std::array::from_fn(|index| V::splat(index as f32));
+            for _ in 0..rounds {
+                for vector in &mut vectors {
+                    *vector = vector.mul_add(factor, summand);
+                }
+            }
+            let mut lanes = [0.0; 16];
+            let sum = vectors.into_iter().reduce(|sum, vector| vector.mul_add(factor, sum));
+            sum.unwrap_or(summand).store(lanes.as_mut_ptr());
+            (rounds * (VECTORS * V::LANES) as u64, lanes.iter().sum())
         }
     }
 }
@@ -408,13 +430,18 @@ impl Product {
     }
 }
 
-/// (rows, columns) to (columns, rows), both row-major; `columns` is `from`'s.
+/// (rows, columns) to (columns, rows), both row-major.
 #[inline(always)]
-fn transpose(from: &[f32], columns: usize, to: &mut [f32]) {
-    let rows = from.len() / columns;
-    for (row, values) in from.chunks_exact(columns).enumerate() {
-        for (column, &value) in values.iter().enumerate() {
-            to[column * rows + row] = value;
+unsafe fn transpose<V: Vector>(from: *const f32, rows: usize, columns: usize, to: *mut f32) {
+    let (whole_rows, whole_columns) = (rows - rows % V::BLOCK, columns - columns % V::BLOCK);
+    for row in (0..whole_rows).step_by(V::BLOCK) {
+        for column in (0..whole_columns).step_by(V::BLOCK) {
+            V::transpose_block(from.add(row * columns + column), columns, to.add(column * rows + row), rows);
+        }
+    }
+    for column in 0..columns {
+        for row in (if column < whole_columns { whole_rows } else { 0 })..rows {
+            *to.add(column * rows + row) = *from.add(row * columns + column);
         }
     }
 }

@@ -28,6 +28,11 @@ pub(super) unsafe trait Vector: Copy {
     unsafe fn relu(self) -> Self;
     /// `if self > 0 { value } else { 0 }`
     unsafe fn positive_then(self, value: Self) -> Self;
+
+    /// Side of the square that [`Self::transpose_block`] transposes.
+    const BLOCK: usize;
+    /// Transposes a square; its rows are `from_row` apart in `from`, its columns become rows `to_row` apart in `to`.
+    unsafe fn transpose_block(from: *const f32, from_row: usize, to: *mut f32, to_row: usize);
 }
 
 /// 16 numbers, one after another: any CPU.
@@ -37,7 +42,7 @@ pub(super) struct Scalar([f32; 16]);
 // SAFETY: no instruction set is needed; loads and stores touch what the trait says.
 unsafe impl Vector for Scalar {
     const LANES: usize = 16;
-    const ACCUMULATORS: usize = 24;
+    const ACCUMULATORS: usize = 6;
 
     #[inline(always)]
     unsafe fn splat(value: f32) -> Self {
@@ -85,6 +90,12 @@ unsafe impl Vector for Scalar {
     unsafe fn positive_then(self, value: Self) -> Self {
         Self(std::array::from_fn(|lane| if self.0[lane] > 0.0 { value.0[lane] } else { 0.0 }))
     }
+
+    const BLOCK: usize = 1;
+    #[inline(always)]
+    unsafe fn transpose_block(from: *const f32, _: usize, to: *mut f32, _: usize) {
+        *to = *from;
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -127,7 +138,19 @@ mod x86 {
         }
         #[inline(always)]
         unsafe fn store_part(self, target: *mut f32, lanes: usize) {
-            _mm256_maskstore_ps(target, avx2_mask(lanes), self.0)
+            // Four, two and one: faster than a masked store where that is microcode.
+            let (mut rest, mut target) = (_mm256_castps256_ps128(self.0), target);
+            if lanes & 4 != 0 {
+                _mm_storeu_ps(target, rest);
+                (rest, target) = (_mm256_extractf128_ps::<1>(self.0), target.add(4));
+            }
+            if lanes & 2 != 0 {
+                _mm_store_sd(target.cast(), _mm_castps_pd(rest));
+                (rest, target) = (_mm_movehl_ps(rest, rest), target.add(2));
+            }
+            if lanes & 1 != 0 {
+                _mm_store_ss(target, rest);
+            }
         }
         #[inline(always)]
         unsafe fn mul(self, factor: Self) -> Self {
@@ -153,6 +176,39 @@ mod x86 {
         #[inline(always)]
         unsafe fn positive_then(self, value: Self) -> Self {
             Self(_mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0, _mm256_setzero_ps()), value.0))
+        }
+
+        const BLOCK: usize = 8;
+        #[inline(always)]
+        unsafe fn transpose_block(from: *const f32, from_row: usize, to: *mut f32, to_row: usize) {
+            transpose_8x8(from, from_row, to, to_row);
+        }
+    }
+
+    /// Pairs, then pairs of pairs, then halves.
+    #[inline(always)]
+    unsafe fn transpose_8x8(from: *const f32, from_row: usize, to: *mut f32, to_row: usize) {
+        let rows: [__m256; 8] = std::array::from_fn(|row| _mm256_loadu_ps(from.add(row * from_row)));
+        let pairs: [__m256; 8] = std::array::from_fn(|i| {
+            let (a, b) = (rows[i / 2 * 2], rows[i / 2 * 2 + 1]);
+            if i % 2 == 0 { _mm256_unpacklo_ps(a, b) } else { _mm256_unpackhi_ps(a, b) }
+        });
+        let fours: [__m256; 8] = std::array::from_fn(|i| {
+            let (a, b) = (pairs[i / 4 * 4 + i % 4 / 2], pairs[i / 4 * 4 + i % 4 / 2 + 2]);
+            if i % 2 == 0 {
+                _mm256_shuffle_ps::<0b01_00_01_00>(a, b)
+            } else {
+                _mm256_shuffle_ps::<0b11_10_11_10>(a, b)
+            }
+        });
+        for column in 0..8 {
+            let (a, b) = (fours[column % 4], fours[column % 4 + 4]);
+            let eight = if column < 4 {
+                _mm256_permute2f128_ps::<0x20>(a, b)
+            } else {
+                _mm256_permute2f128_ps::<0x31>(a, b)
+            };
+            _mm256_storeu_ps(to.add(column * to_row), eight);
         }
     }
 
@@ -216,6 +272,12 @@ mod x86 {
         unsafe fn positive_then(self, value: Self) -> Self {
             let positive = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, _mm512_setzero_ps());
             Self(_mm512_maskz_mov_ps(positive, value.0))
+        }
+
+        const BLOCK: usize = 8;
+        #[inline(always)]
+        unsafe fn transpose_block(from: *const f32, from_row: usize, to: *mut f32, to_row: usize) {
+            transpose_8x8(from, from_row, to, to_row);
         }
     }
 }
