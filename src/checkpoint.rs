@@ -53,13 +53,15 @@ pub enum Problem {
     Unreadable(io::Error),
     #[error("has {0} bytes; at most {MAX_FILE_SIZE} are allowed")]
     TooLarge(u64),
-    #[error("is not a whole safetensors file ({0})")]
+    #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
     #[error("has no tensor `{0}`")]
     Missing(String),
     #[error("tensor `{name}` is {dtype:?} {shape:?}, expected {expected}")]
     WrongTensor { name: String, dtype: Dtype, shape: Vec<usize>, expected: String },
-    #[error("holds no policy: no tensors `0.weight`, `0.bias`, `2.weight`, … of a torch.nn.Sequential")]
+    #[error(
+        "holds no policy: the tensors without a prefix must be exactly `0.weight`, `0.bias`, `2.weight`, …"
+    )]
     NoPolicy,
     #[error("its policy has layers {found:?}; the task needs {inputs} inputs and {outputs} outputs")]
     WrongNetwork { found: Vec<usize>, inputs: usize, outputs: usize },
@@ -142,9 +144,12 @@ impl Checkpoint {
     }
 
     fn read_bytes(path: &Path) -> Result<Vec<u8>, Problem> {
-        let size = std::fs::metadata(path).map_err(Problem::Unreadable)?.len();
-        if size > MAX_FILE_SIZE {
-            return Err(Problem::TooLarge(size));
+        let found = std::fs::metadata(path).map_err(Problem::Unreadable)?;
+        if !found.is_file() {
+            return Err(Problem::Unreadable(io::Error::new(io::ErrorKind::InvalidInput, "not a file")));
+        }
+        if found.len() > MAX_FILE_SIZE {
+            return Err(Problem::TooLarge(found.len()));
         }
         std::fs::read(path).map_err(Problem::Unreadable)
     }

@@ -115,7 +115,7 @@ impl Dqn {
 
     /// Whether the agent learns after environment step `env_steps`.
     pub fn learns_at(&self, env_steps: u64) -> bool {
-        env_steps % self.config.learn.every_steps == 0
+        env_steps.is_multiple_of(self.config.learn.every_steps)
             && env_steps >= self.config.replay.warmup_steps
             && self.replay.len() >= self.config.replay.batch_size
     }
@@ -169,7 +169,7 @@ impl Dqn {
     pub fn after_step(&mut self, env_steps: u64) {
         self.epsilon = self.config.exploration.after_step(self.epsilon, env_steps);
         if let TargetUpdate::EverySteps(period) = self.config.target
-            && env_steps % period == 0
+            && env_steps.is_multiple_of(period)
         {
             self.target.copy_from(&self.online);
         }
@@ -179,7 +179,7 @@ impl Dqn {
     pub fn after_episode(&mut self, episode: u64) {
         self.epsilon = self.config.exploration.after_episode(self.epsilon);
         if let TargetUpdate::EveryEpisodes(period) = self.config.target
-            && episode % period == 0
+            && episode.is_multiple_of(period)
         {
             self.target.copy_from(&self.online);
         }

@@ -30,10 +30,12 @@ pub(super) struct Arguments {
     #[arg(long)]
     policy: Option<Baseline>,
     /// Number of episodes
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true,
+        value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     episodes: u64,
     /// Gymnasium seed of the first episode; the others follow
-    #[arg(long, value_name = "S", default_value_t = 2_000_000)]
+    #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
+        allow_negative_numbers = true)]
     seed: u64,
     /// Exit with code 1 if the mean return is below this
     #[arg(long, value_name = "X", value_parser = finite, allow_negative_numbers = true)]
@@ -92,6 +94,9 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
             u64::MAX
         )));
     }
+    if let Some(trace) = &arguments.trace {
+        check_trace(trace, arguments.checkpoint.as_deref())?;
+    }
     let returns = match &arguments.checkpoint {
         Some(path) => play_all(&mut load_policy(path)?, &arguments)?,
         None => play_all(&mut Random::new(Task::NUM_ACTIONS, Rng::from_seed(arguments.seed)), &arguments)?,
@@ -130,8 +135,25 @@ fn play_all(policy: &mut impl Policy, arguments: &Arguments) -> Result<Vec<f64>,
         }
         Ok(())
     })
-    .map_err(|error| Failure::BadInput(format!("cannot write --trace {}: {error}", path.display())))?;
+    .map_err(|error| bad_trace(path, &error.to_string()))?;
     Ok(returns)
+}
+
+/// Refuses what would be noticed only after the episodes, or would destroy the checkpoint.
+fn check_trace(trace: &Path, checkpoint: Option<&Path>) -> Result<(), Failure> {
+    let checkpoint = checkpoint.map(checkpoint_of).transpose()?;
+    let is_checkpoint = || Some(trace.canonicalize().ok()? == checkpoint?.canonicalize().ok()?);
+    if trace.is_dir() {
+        Err(bad_trace(trace, "it is a folder; give a file"))
+    } else if is_checkpoint() == Some(true) {
+        Err(bad_trace(trace, "it is the checkpoint; choose another file"))
+    } else {
+        Ok(())
+    }
+}
+
+fn bad_trace(path: &Path, problem: &str) -> Failure {
+    Failure::BadInput(format!("cannot write --trace {}: {problem}", path.display()))
 }
 
 fn trace_episode(policy: &mut impl Policy, episode: u64, seed: u64, file: &mut dyn Write) -> io::Result<f64> {

@@ -43,7 +43,7 @@ fn describe(checkpoint: &Checkpoint) -> Result<String, Problem> {
             policy.sizes(),
             crate::checkpoint::weights_sha256(&policy)
         ),
-        Err(problem) => writeln!(text, "policy     none that eval can play: the file {problem}"),
+        Err(problem) => writeln!(text, "policy     none that eval can play: {problem}"),
     };
     for (name, dtype, shape) in checkpoint.tensors() {
         let _ = writeln!(text, "tensor     {name} {dtype:?} {shape:?}");

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::checkpoint::CheckpointError;
+use crate::checkpoint::{CheckpointError, Problem};
 use crate::config::ConfigError;
 use crate::trainer::TrainError;
 
@@ -42,13 +42,25 @@ enum Failure {
 
 impl From<ConfigError> for Failure {
     fn from(error: ConfigError) -> Self {
-        Self::BadInput(error.to_string())
+        let hint = match error {
+            ConfigError::Read { .. } | ConfigError::Json { .. } => {
+                "; --config takes a JSON file such as configs/cartpole.json"
+            }
+            _ => "",
+        };
+        Self::BadInput(format!("{error}{hint}"))
     }
 }
 
 impl From<CheckpointError> for Failure {
     fn from(error: CheckpointError) -> Self {
-        Self::BadInput(error.to_string())
+        let hint = match error.problem {
+            Problem::Unreadable(_) | Problem::NotSafetensors(_) => {
+                "; --checkpoint takes a .safetensors file or a run's folder"
+            }
+            _ => "",
+        };
+        Self::BadInput(format!("{error}{hint}"))
     }
 }
 
@@ -79,6 +91,11 @@ pub fn run() -> ExitCode {
         Failure::BadInput(_) => ExitCode::from(2),
         Failure::Failed(_) => ExitCode::FAILURE,
     }
+}
+
+/// Parses a seed.
+fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("expected an integer from 0 to {}", u64::MAX))
 }
 
 /// Prints to stdout. A reader that has gone away (`| head`) is no failure.

@@ -5,6 +5,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
+use crate::config::{Config, read_file};
+use crate::files::is_unfinished;
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
@@ -26,13 +28,19 @@ impl RunDir {
         let run = Self { path: path.to_owned() };
         let is_empty = match fs::read_dir(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => true,
-            Err(error) => return Err(bad(path, &format!("cannot be used for a run: {error}"))),
+            Err(_) if path.exists() && !path.is_dir() => {
+                return Err(bad(path, "is a file; choose another --out"));
+            }
+            Err(error) => {
+                return Err(bad(path, &format!("cannot be used for a run: {error}; choose another --out")));
+            }
             Ok(mut entries) => entries.next().is_none(),
         };
         if !is_empty && !force {
             return Err(bad(path, "is not empty; choose another --out, or --force to replace the run in it"));
         }
         if !is_empty {
+            tempfile::tempfile_in(path).map_err(|error| bad(path, &format!("cannot be written: {error}")))?;
             run.remove_run().map_err(|reason| bad(path, &reason))?;
         }
         let missing: Vec<&Path> =
@@ -41,7 +49,7 @@ impl RunDir {
             // What this call has made goes again; what was there is not empty and stays.
             let _ = fs::remove_dir(run.checkpoints());
             missing.iter().for_each(|path| drop(fs::remove_dir(path)));
-            bad(path, &format!("cannot be written: {error}"))
+            bad(path, &format!("cannot be written: {error}; choose another --out"))
         })?;
         Ok(run)
     }
@@ -55,28 +63,37 @@ impl RunDir {
     fn remove_run(&self) -> Result<(), String> {
         let own = [self.config(), self.metrics(), self.summary(), self.best(), self.last()];
         let unreadable = |error: io::Error| format!("cannot be read: {error}");
-        if !self.config().is_file() {
+        let config = read_file(&self.config()).ok();
+        if config.is_none_or(|text| serde_json::from_str::<Config>(&text).is_err()) {
             return Err(format!(
-                "is not a run (it has no {CONFIG}); --force replaces a run and nothing else"
+                "is not a run (it has no {CONFIG} of one); --force replaces a run and nothing else"
             ));
         }
         let mut entries = Vec::new();
+        let mut files = Vec::new();
         for folder in [&self.path, &self.checkpoints()] {
             if folder.is_dir() {
                 entries.extend(fs::read_dir(folder).map_err(unreadable)?);
             }
         }
         for entry in entries {
-            let path = entry.map_err(unreadable)?.path();
-            if path != self.checkpoints() && !own.contains(&path) {
-                return Err(format!(
-                    "holds {}, which is no file of a run; --force replaces a run and nothing else",
-                    path.display()
-                ));
+            let entry = entry.map_err(unreadable)?;
+            let path = entry.path();
+            match path.is_dir() {
+                true if path == self.checkpoints() => {}
+                false if own.contains(&path) || is_unfinished(&entry.file_name()) => files.push(path),
+                _ => {
+                    return Err(format!(
+                        "holds {}, which is not of a run; --force replaces a run and nothing else",
+                        path.display()
+                    ));
+                }
             }
         }
-        for path in own.iter().filter(|path| path.exists()) {
-            fs::remove_file(path)
+        // The config last: while it is there, what is left can still be replaced.
+        files.sort_by_key(|path| *path == self.config());
+        for path in files {
+            fs::remove_file(&path)
                 .map_err(|error| format!("cannot be replaced: {}: {error}", path.display()))?;
         }
         Ok(())

@@ -20,6 +20,9 @@ const DEFAULT_NAME: &str = "cartpole";
 /// Train an agent.
 ///
 /// Writes a folder with the resolved config, metrics, a summary and checkpoints.
+///
+/// The progress shows the mean return of the last 100 episodes, ε, the loss of the last episode and the mean return of
+/// the latest evaluation.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
@@ -29,7 +32,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Seed of the run, 0…2⁶⁴−1; wins over config and --set
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::seed, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Set one config key, for instance optimizer.learning_rate=0.001; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
@@ -52,9 +55,9 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let config = resolve(&arguments)?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments, &config));
     let run = RunDir::create(&out, arguments.force)?;
-    save_json(&run.config(), &config)?;
-
+    // The metrics first: creating them fails if another process has just taken the same folder.
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(open_metrics(&run)?)];
+    save_json(&run.config(), &config)?;
     if !arguments.quiet {
         sinks.push(Box::new(Console::new(config.budget)));
     }
@@ -65,14 +68,15 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         Failure::Failed(format!("{error}; {kept} kept in {}", run.path().display()))
     })?;
     let summary = trainer.summary(reason, start.elapsed().as_secs_f64());
-    save_json(&run.summary(), &summary)?;
     drop(sinks);
-
+    // The summary is also printed when it cannot be saved.
+    let saved = save_json(&run.summary(), &summary);
     match (arguments.json, arguments.quiet) {
-        (true, _) => print_json(&summary),
-        (false, true) => Ok(()),
-        (false, false) => print(&describe(&summary, &run)),
+        (true, _) => print_json(&summary)?,
+        (false, true) => {}
+        (false, false) => print(&describe(&summary, &run))?,
     }
+    saved
 }
 
 /// Defaults < file < `--set` < `--seed`.
@@ -134,11 +138,19 @@ weights    sha256 {}
 run        {path}
 
 Evaluate it on episodes that it has not seen:
-  cartpole-dqn eval --checkpoint {path}
+  {} eval --checkpoint {}
 ",
         evaluation(summary.best_evaluation),
         evaluation(summary.final_evaluation),
         summary.weights_sha256,
+        shell_word(&std::env::args().next().unwrap_or_else(|| "cartpole-dqn".into())),
+        shell_word(&run.path().to_string_lossy()),
         path = run.path().display(),
     )
+}
+
+/// A word as it can be typed into a shell.
+fn shell_word(word: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "/\\:._-+".contains(c);
+    if word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }

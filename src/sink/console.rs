@@ -1,6 +1,6 @@
 //! Progress on stderr: a bar on a terminal, elsewhere a plain line now and then.
 
-use std::io;
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -29,8 +29,10 @@ impl Console {
             Budget::Steps(steps) => (steps, "step"),
             Budget::Episodes(episodes) => (episodes, "episode"),
         };
-        let template = format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{msg}} eta {{eta}}");
-        let bar = ProgressBar::new(length);
+        // Two lines, so that 40 columns are enough; `wide_msg` is cut where the terminal is narrower.
+        let template =
+            format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{prefix}} steps/s eta {{eta}}\n{{wide_msg}}");
+        let bar = ProgressBar::new(length).with_prefix("0");
         if let Ok(style) = ProgressStyle::with_template(&template) {
             bar.set_style(style);
         }
@@ -46,11 +48,13 @@ impl Console {
 
     fn show(&mut self, env_steps: u64, episodes: Option<u64>, line_is_due: bool) {
         let steps_per_second = env_steps as f64 / self.start.elapsed().as_secs_f64().max(1e-9);
-        let message = format!("{}{} | {steps_per_second:.0} steps/s", self.episode, self.evaluation);
+        let message = format!("{}{}", self.evaluation, self.episode);
         if self.bar.is_hidden() {
             if line_is_due && self.last_line.is_none_or(|last| last.elapsed() >= LINE_INTERVAL) {
                 self.last_line = Some(Instant::now());
-                eprintln!("step {env_steps} | {message}");
+                // A closed stderr is no reason to stop a run.
+                let _ =
+                    writeln!(io::stderr(), "step {env_steps} | {message} | {steps_per_second:.0} steps/s");
             }
             return;
         }
@@ -58,6 +62,7 @@ impl Console {
             Budget::Steps(_) => self.bar.set_position(env_steps),
             Budget::Episodes(_) => episodes.into_iter().for_each(|episodes| self.bar.set_position(episodes)),
         }
+        self.bar.set_prefix(format!("{steps_per_second:.0}"));
         self.bar.set_message(message);
     }
 }
@@ -67,11 +72,11 @@ impl EventSink for Console {
         match *event {
             Event::Episode { env_steps, episode, mean_return_100, epsilon, loss, .. } => {
                 let loss = loss.map_or_else(|| "-".to_owned(), |loss| format!("{loss:.3}"));
-                self.episode = format!("return {mean_return_100:.1} | ε {epsilon:.3} | loss {loss}");
+                self.episode = format!("return {mean_return_100:.1} ε {epsilon:.2} loss {loss}");
                 self.show(env_steps, Some(episode + 1), false);
             }
             Event::Evaluation { env_steps, mean, .. } => {
-                self.evaluation = format!(" | evaluation {mean:.1}");
+                self.evaluation = format!("eval {mean:.0} ");
                 self.show(env_steps, None, true);
             }
             Event::End { .. } => self.bar.finish_and_clear(),

@@ -124,9 +124,9 @@ impl<E: Environment> Trainer<E> {
         if self.progress.last_evaluation.is_none_or(|last| last.env_steps < self.progress.env_steps) {
             self.evaluate(sink, checkpoints)?;
         }
+        self.save_last(checkpoints)?;
         let Progress { env_steps, episodes, updates, .. } = self.progress;
         self.emit(sink, &Event::End { env_steps, episodes, updates, reason })?;
-        self.save_last(checkpoints)?;
         Ok(reason)
     }
 
@@ -158,10 +158,10 @@ impl<E: Environment> Trainer<E> {
         if ended {
             self.end_episode(sink)?;
         }
-        if env_steps % self.config.evaluation.every_steps == 0 {
+        if env_steps.is_multiple_of(self.config.evaluation.every_steps) {
             self.evaluate(sink, checkpoints)?;
         }
-        if env_steps % self.config.checkpoint.every_steps == 0 {
+        if env_steps.is_multiple_of(self.config.checkpoint.every_steps) {
             self.save_last(checkpoints)?;
         }
         Ok(())

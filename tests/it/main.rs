@@ -1,6 +1,8 @@
 //! Integration tests: one binary.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod cli;
+mod cli_eval;
 mod config;
 mod golden_physics;
 mod golden_update;

@@ -1,0 +1,217 @@
+//! The command line: `eval` and `inspect`.
+
+use std::collections::HashMap;
+use std::fs;
+
+use predicates::prelude::*;
+use safetensors::Dtype;
+use safetensors::tensor::TensorView;
+use serde_json::{Value, json};
+
+use crate::cli::{Sandbox, keys, refusals, stdout_json};
+
+const BEST: &str = "run/checkpoints/best.safetensors";
+const LAST: &str = "run/checkpoints/last.safetensors";
+const FOREIGN: &str = "foreign.safetensors";
+
+refusals! {
+    refuses_eval_without_a_checkpoint: [], ["eval"] => ["--checkpoint"];
+    refuses_a_missing_checkpoint: [], ["eval", "--checkpoint", "x"] => ["x", "No such file", "run's folder"];
+    refuses_an_empty_checkpoint: [("x", b"")], ["eval", "--checkpoint", "x"] => ["x", "not a safetensors file"];
+    refuses_random_bytes_as_checkpoint:
+        [("x", &[0x5a; 999])], ["eval", "--checkpoint", "x"] => ["x", "not a safetensors file"];
+    refuses_a_config_as_checkpoint:
+        [("x.json", b"{\"gamma\": 0.9}")], ["eval", "--checkpoint", "x.json"]
+        => ["x.json", "not a safetensors file", "takes a .safetensors file"];
+    refuses_a_folder_without_a_checkpoint:
+        [("run/config.json", b"{}")], ["eval", "--checkpoint", "run"] => ["folder run", "best.safetensors"];
+    refuses_to_inspect_what_is_no_checkpoint:
+        [("x", b"hello, world")], ["inspect", "--checkpoint", "x"] => ["x", "not a safetensors file"];
+    refuses_zero_episodes: [], ["eval", "--policy", "random", "--episodes", "0"] => ["--episodes", "'0'", "1..="];
+    refuses_seeds_beyond_the_largest:
+        [], ["eval", "--policy", "random", "--seed", "18446744073709551615", "--episodes", "2"]
+        => ["--seed 18446744073709551615", "--episodes 2", "largest seed"];
+    refuses_a_minimum_that_is_no_number:
+        [], ["eval", "--policy", "random", "--min-mean", "nan"] => ["--min-mean", "'nan'", "finite"];
+    refuses_an_unknown_policy: [], ["eval", "--policy", "randm"] => ["'randm'", "random"];
+    refuses_a_policy_beside_a_checkpoint:
+        [], ["eval", "--policy", "random", "--checkpoint", "x"] => ["--policy", "--checkpoint"];
+    refuses_a_trace_in_a_missing_folder:
+        [], ["eval", "--policy", "random", "--trace", "no/x"] => ["--trace no/x: No such file"];
+    refuses_a_trace_below_a_file:
+        [("f", b"mine")], ["eval", "--policy", "random", "--trace", "f/x"] => ["--trace f/x: Not a directory"];
+    refuses_a_trace_that_is_a_folder:
+        [("f/x", b"mine")], ["eval", "--policy", "random", "--trace", "f"] => ["--trace f", "folder"];
+}
+
+#[test]
+fn refuses_a_checkpoint_cut_off_anywhere() {
+    let sandbox = Sandbox::with_run();
+    let whole = fs::read(sandbox.path(BEST)).unwrap();
+    let header = 8 + usize::try_from(u64::from_le_bytes(whole[..8].try_into().unwrap())).unwrap();
+    for length in [1, 7, 8, 9, header - 1, header, header + 1, whole.len() - 1] {
+        sandbox.write("cut", &whole[..length]);
+        for command in ["eval", "inspect"] {
+            sandbox.refuses(&[command, "--checkpoint", "cut"], &["checkpoint cut", "cut off"]);
+        }
+    }
+}
+
+#[test]
+fn refuses_to_write_the_trace_over_the_checkpoint() {
+    let sandbox = Sandbox::with_run();
+    sandbox.refuses(&["eval", "--checkpoint", "run", "--trace", BEST], &["--trace", "it is the checkpoint"]);
+}
+
+/// A file as PyTorch users write it: no metadata, each tensor (name, shape, values).
+fn write_foreign(sandbox: &Sandbox, tensors: &[(&str, &[usize], &[f32])]) {
+    let bytes: Vec<Vec<u8>> =
+        tensors.iter().map(|(.., values)| values.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
+    let views: HashMap<&str, TensorView<'_>> = tensors
+        .iter()
+        .zip(&bytes)
+        .map(|((name, shape, _), bytes)| (*name, TensorView::new(Dtype::F32, shape.to_vec(), bytes).unwrap()))
+        .collect();
+    sandbox.write(FOREIGN, safetensors::serialize(&views, None).unwrap());
+}
+
+/// Pushes to the side to which the pole falls: Q = (max(−s, 0), max(s, 0)) where s = θ + θ̇.
+const FOLLOW_THE_POLE: [(&str, &[usize], &[f32]); 4] = [
+    ("0.weight", &[2, 4], &[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, -1.0, -1.0]),
+    ("0.bias", &[2], &[0.0, 0.0]),
+    ("2.weight", &[2, 2], &[0.0, 1.0, 1.0, 0.0]),
+    ("2.bias", &[2], &[0.0, 0.0]),
+];
+
+#[test]
+fn refuses_networks_that_do_not_fit_the_task() {
+    let weights = [0.0; 12];
+    let [weight, bias, weight2, bias2] = FOLLOW_THE_POLE;
+    let three_inputs = [("0.weight", &[2, 3][..], &weights[..6]), bias];
+    let three_actions = [("0.weight", &[3, 4][..], &weights[..12]), ("0.bias", &[3], &weights[..3])];
+    let broken_chain = [weight, bias, ("2.weight", &[2, 3][..], &weights[..6]), bias2];
+    let infinite = [weight, ("0.bias", &[2][..], &[f32::INFINITY, 0.0][..]), weight2, bias2];
+    let cases: [(&[_], &[&str]); 5] = [
+        (&three_inputs, &["[3, 2]", "4 inputs and 2 outputs"]),
+        (&three_actions, &["[4, 3]", "4 inputs and 2 outputs"]),
+        (&broken_chain, &["`2.weight`", "[2, 3]"]),
+        (&[weight, bias, weight2], &["holds no policy", "`2.weight`"]),
+        (&infinite, &["`0.bias`", "infinity"]),
+    ];
+    for (tensors, words) in cases {
+        let sandbox = Sandbox::new();
+        write_foreign(&sandbox, tensors);
+        sandbox.refuses(&["eval", "--checkpoint", FOREIGN], &[&[FOREIGN], words].concat());
+    }
+}
+
+#[test]
+fn plays_a_file_of_another_program_and_traces_every_step() {
+    let sandbox = Sandbox::new();
+    write_foreign(&sandbox, &FOLLOW_THE_POLE);
+    let arguments = ["eval", "--checkpoint", FOREIGN, "--episodes", "3", "--seed", "7", "--json"];
+    let report = stdout_json(&sandbox.run(&[&arguments[..], &["--trace", "t.jsonl"]].concat()).success());
+    assert_eq!(report, stdout_json(&sandbox.run(&arguments).success()), "the trace changes nothing");
+
+    let trace = sandbox.read("t.jsonl");
+    let mut lengths = [0_u64; 3];
+    for line in trace.lines() {
+        let line: Value = serde_json::from_str(line).unwrap();
+        let expected =
+            ["action", "episode", "q_values", "reward", "seed", "state", "step", "terminated", "truncated"];
+        assert_eq!(keys(&line), expected);
+        let episode = line["episode"].as_u64().unwrap();
+        let length = &mut lengths[usize::try_from(episode).unwrap()];
+        assert_eq!((&line["seed"], &line["step"]), (&json!(7 + episode), &json!(*length)));
+        *length += 1;
+        assert_eq!(line["reward"], 1.0);
+
+        let state: [f64; 4] = serde_json::from_value(line["state"].clone()).unwrap();
+        let falling = state[2] as f32 + state[3] as f32;
+        let q_values: [f32; 2] = serde_json::from_value(line["q_values"].clone()).unwrap();
+        assert!(
+            (q_values[0] - (-falling).max(0.0)).abs() < 1e-6 && (q_values[1] - falling.max(0.0)).abs() < 1e-6
+        );
+        assert_eq!(line["action"], u64::from(q_values[1] > q_values[0]));
+        let ended = line["terminated"] == true || line["truncated"] == true;
+        assert_eq!(ended, report["returns"][usize::try_from(episode).unwrap()] == *length as f64);
+    }
+    assert_eq!(report["returns"], json!(lengths.map(|length| length as f64)));
+    assert!(
+        lengths.iter().all(|&length| length > 100),
+        "a policy that follows the pole is no bad one: {lengths:?}"
+    );
+}
+
+#[test]
+fn json_prints_the_score_alone() {
+    let assert = Sandbox::new().run(&["eval", "--policy", "random", "--json"]).success();
+    let report = stdout_json(&assert);
+    let expected = ["episodes", "max", "mean", "median", "min", "returns", "seed", "solved", "std"];
+    assert_eq!(keys(&report), expected);
+    let returns: Vec<f64> = serde_json::from_value(report["returns"].clone()).unwrap();
+    let mean = returns.iter().sum::<f64>() / 100.0;
+    assert_eq!((returns.len(), &report["episodes"], &report["seed"]), (100, &json!(100), &json!(2_000_000)));
+    assert_eq!(report["mean"], mean);
+    assert_eq!(report["solved"], false);
+    assert!((15.0..30.0).contains(&mean), "a random policy falls after some 22 steps: {mean}");
+    assert!(predicate::str::is_empty().eval(&String::from_utf8_lossy(&assert.get_output().stderr)));
+}
+
+#[test]
+fn the_mean_decides_the_exit_code_if_asked_to() {
+    let sandbox = Sandbox::new();
+    let eval = |minimum| sandbox.run(&["eval", "--policy", "random", "--min-mean", minimum]);
+    eval("5").success().stderr("");
+    let below = predicate::str::contains("below --min-mean 475");
+    eval("475").code(1).stdout(predicate::str::contains("mean return")).stderr(below);
+}
+
+#[test]
+fn a_run_is_played_by_its_best_checkpoint_or_else_its_last() {
+    let sandbox = Sandbox::with_run();
+    let inspected = |file| predicate::str::contains(format!("file       {file}\n"));
+    sandbox.run(&["inspect", "--checkpoint", "run"]).success().stdout(inspected(BEST));
+    fs::remove_file(sandbox.path(BEST)).unwrap();
+    sandbox.run(&["inspect", "--checkpoint", "run"]).success().stdout(inspected(LAST));
+    let [folder, file] = ["run", LAST].map(|path| {
+        stdout_json(&sandbox.run(&["eval", "--checkpoint", path, "--episodes", "3", "--json"]).success())
+    });
+    assert_eq!(folder, file);
+}
+
+#[test]
+fn inspect_tells_what_is_in_a_file() {
+    let sandbox = Sandbox::with_run();
+    write_foreign(&sandbox, &FOLLOW_THE_POLE);
+    let policy = "layers [4, 8, 2]";
+    for (file, words) in [
+        (
+            BEST,
+            vec![
+                "version 1: policy\n",
+                policy,
+                "evaluation mean return",
+                "\"gamma\": 0.99",
+                "0.weight F32 [8, 4]",
+            ],
+        ),
+        (LAST, vec!["policy and state of the run", policy, "env_steps  200", "replay.actions U8 [200]"]),
+        (FOREIGN, vec!["written by another program", "layers [4, 2, 2]", "2.bias F32 [2]"]),
+    ] {
+        let assert = sandbox.run(&["inspect", "--checkpoint", file]).success().stderr("");
+        let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
+        assert!(words.iter().all(|word| text.contains(word)), "{words:?} not in {text}");
+        assert_eq!(text.contains("replay."), file == LAST);
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_trace_to_a_device_leaves_it_a_device() {
+    let sandbox = Sandbox::new();
+    let arguments = ["eval", "--policy", "random", "--episodes", "1", "--trace", "/dev/stdout", "--json"];
+    let assert = sandbox.run(&arguments).success();
+    let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
+    assert!(text.starts_with("{\"episode\":0,") && text.contains("\"returns\""), "{text}");
+}
