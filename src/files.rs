@@ -37,6 +37,17 @@ pub fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result
     File::open(folder)?.sync_all()
 }
 
+/// Writes a value whole as indented JSON.
+///
+/// # Errors
+/// See [`write_whole`].
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
+    write_whole(path, |file| {
+        serde_json::to_writer_pretty(&mut *file, value)?;
+        file.write_all(b"\n")
+    })
+}
+
 /// Whether a file's name is that of an unfinished one, which a killed process leaves behind.
 pub fn is_unfinished(name: &OsStr) -> bool {
     name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX))

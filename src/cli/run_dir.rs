@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::Failure;
 use crate::config::{Config, read_file};
-use crate::files::is_unfinished;
+use crate::files::{is_unfinished, write_json};
+use crate::sink::JsonLines;
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
@@ -22,9 +23,10 @@ pub(super) struct RunDir {
 }
 
 impl RunDir {
-    /// Makes the folder of a new run. One with anything in it is refused, unless `force` is set and there is
-    /// nothing in it but a run, which is then removed.
-    pub(super) fn create(path: &Path, force: bool) -> Result<Self, Failure> {
+    /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
+    /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
+    /// then removed.
+    pub(super) fn create(path: &Path, force: bool, config: &Config) -> Result<(Self, JsonLines), Failure> {
         let run = Self { path: path.to_owned() };
         let is_empty = match fs::read_dir(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => true,
@@ -45,18 +47,21 @@ impl RunDir {
         }
         let missing: Vec<&Path> =
             path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
-        run.make_folders().map_err(|error| {
+        let metrics = run.fill(config).map_err(|error| {
             // What this call has made goes again; what was there is not empty and stays.
             let _ = fs::remove_dir(run.checkpoints());
             missing.iter().for_each(|path| drop(fs::remove_dir(path)));
             bad(path, &format!("cannot be written: {error}; choose another --out"))
         })?;
-        Ok(run)
+        Ok((run, metrics))
     }
 
-    fn make_folders(&self) -> io::Result<()> {
+    fn fill(&self, config: &Config) -> io::Result<JsonLines> {
         fs::create_dir_all(self.checkpoints())?;
-        tempfile::tempfile_in(&self.path).map(drop)
+        // The metrics first: this fails if another process has just taken the same folder.
+        let metrics = JsonLines::create(&self.metrics())?;
+        write_json(&self.config(), config).inspect_err(|_| drop(fs::remove_file(self.metrics())))?;
+        Ok(metrics)
     }
 
     /// Removes a run's files, after making sure that there are no others.

@@ -9,8 +9,8 @@ use super::run_dir::RunDir;
 use super::{Failure, print, print_json};
 use crate::config::{self, Config};
 use crate::env::CartPole;
-use crate::files::write_whole;
-use crate::sink::{Console, JsonLines};
+use crate::files::write_json;
+use crate::sink::Console;
 use crate::trainer::{EndReason, EventSink, Summary, Trainer};
 
 /// The default config, `configs/cartpole.json`.
@@ -54,10 +54,8 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let config = resolve(&arguments)?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments, &config));
-    let run = RunDir::create(&out, arguments.force)?;
-    // The metrics first: creating them fails if another process has just taken the same folder.
-    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(open_metrics(&run)?)];
-    save_json(&run.config(), &config)?;
+    let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
+    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
     if !arguments.quiet {
         sinks.push(Box::new(Console::new(config.budget)));
     }
@@ -70,13 +68,13 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let summary = trainer.summary(reason, start.elapsed().as_secs_f64());
     drop(sinks);
     // The summary is also printed when it cannot be saved.
-    let saved = save_json(&run.summary(), &summary);
+    let saved = write_json(&run.summary(), &summary);
     match (arguments.json, arguments.quiet) {
         (true, _) => print_json(&summary)?,
         (false, true) => {}
         (false, false) => print(&describe(&summary, &run))?,
     }
-    saved
+    saved.map_err(|error| Failure::Failed(format!("cannot write {}: {error}", run.summary().display())))
 }
 
 /// Defaults < file < `--set` < `--seed`.
@@ -98,23 +96,6 @@ fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
     let name = stem.map_or(DEFAULT_NAME.into(), |stem| stem.to_string_lossy());
     let time = jiff::Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ");
     Path::new("runs").join(format!("{name}-s{}-{time}", config.seed))
-}
-
-fn open_metrics(run: &RunDir) -> Result<JsonLines, Failure> {
-    let path = run.metrics();
-    JsonLines::create(&path).map_err(|error| unwritable(&path, &error))
-}
-
-fn save_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Failure> {
-    write_whole(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, value)?;
-        file.write_all(b"\n")
-    })
-    .map_err(|error| unwritable(path, &error))
-}
-
-fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::Failed(format!("cannot write {}: {error}", path.display()))
 }
 
 fn describe(summary: &Summary, run: &RunDir) -> String {
