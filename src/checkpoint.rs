@@ -194,17 +194,23 @@ impl Checkpoint {
     /// # Errors
     /// When there is none, or it is of another version or damaged.
     pub fn header<H: DeserializeOwned>(&self) -> Result<H, Problem> {
+        let text = self.metadata.as_deref().ok_or(Problem::NoHeader)?;
+        self.check_version()?;
+        serde_json::from_str(text).map_err(|error| Problem::BadHeader(error.to_string()))
+    }
+
+    /// Makes sure that this program knows the format, if there is a header that names one.
+    fn check_version(&self) -> Result<(), Problem> {
         #[derive(Deserialize)]
         struct Version {
             format_version: u64,
         }
-        let text = self.metadata.as_deref().ok_or(Problem::NoHeader)?;
-        let damaged = |error: serde_json::Error| Problem::BadHeader(error.to_string());
-        let Version { format_version } = serde_json::from_str(text).map_err(damaged)?;
-        if format_version != u64::from(FORMAT_VERSION) {
-            return Err(Problem::WrongVersion(format_version));
+        let Some(text) = self.metadata.as_deref() else { return Ok(()) };
+        match serde_json::from_str(text) {
+            Ok(Version { format_version }) if format_version == u64::from(FORMAT_VERSION) => Ok(()),
+            Ok(Version { format_version }) => Err(Problem::WrongVersion(format_version)),
+            Err(error) => Err(Problem::BadHeader(error.to_string())),
         }
-        serde_json::from_str(text).map_err(damaged)
     }
 
     /// Name, type and shape of every tensor, by name.
@@ -273,8 +279,9 @@ impl Checkpoint {
     /// The policy: the network in the unprefixed tensors, whoever wrote them, for a task with these sizes.
     ///
     /// # Errors
-    /// When there is none, it is of another shape, or a weight is not finite.
+    /// When there is none, it is of another shape, a weight is not finite, or a header names another version.
     pub fn policy(&self, inputs: usize, outputs: usize) -> Result<Mlp<f32>, Problem> {
+        self.check_version()?;
         let mut sizes = Vec::new();
         for index in 0..MAX_LAYERS {
             let name = format!("{}.weight", 2 * index);

@@ -15,6 +15,8 @@ pub(crate) const TINY: &[&str] = &[
     "replay.warmup_steps=50",
     "replay.batch_size=8",
     "budget.steps=200",
+    "learn.every_steps=1",
+    "learn.updates=1",
     "evaluation.every_steps=100",
     "evaluation.episodes=1",
     "checkpoint.every_steps=50",
@@ -30,6 +32,8 @@ const DIVERGING: &[&str] = &[
     "optimizer.epsilon=1e-30",
     "replay.warmup_steps=64",
     "budget.steps=20000",
+    "learn.every_steps=1",
+    "learn.updates=1",
     "gamma=1",
     "target={\"kind\":\"none\"}",
     "evaluation.episodes=1",
@@ -165,7 +169,7 @@ refusals! {
     refuses_a_batch_larger_than_the_memory:
         [], ["train", "--set", "replay.capacity=16"] => ["`replay.batch_size` is 64", "`replay.capacity`", "16"];
     refuses_a_budget_that_ends_before_learning:
-        [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1001", "`replay.warmup_steps`"];
+        [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1024", "`replay.warmup_steps`"];
     refuses_a_missing_config: [], CONFIG => ["my.json", "No such file"];
     refuses_a_folder_as_config: [("my.json/x", b"")], CONFIG => ["my.json", "directory", "takes a JSON file"];
     refuses_an_out_that_is_a_file: [("f", b"mine")], ["train", "--out", "f"] => ["f is a file", "--out"];

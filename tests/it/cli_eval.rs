@@ -215,3 +215,18 @@ fn a_trace_to_a_device_leaves_it_a_device() {
     let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
     assert!(text.starts_with("{\"episode\":0,") && text.contains("\"returns\""), "{text}");
 }
+
+#[test]
+fn refuses_a_checkpoint_of_another_format_version() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run"]).success();
+    let path = sandbox.path(BEST);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let version = br#"\"format_version\":1"#;
+    let position = bytes.windows(version.len()).position(|window| window == version).unwrap();
+    bytes[position + version.len() - 1] = b'9';
+    std::fs::write(&path, bytes).unwrap();
+    for command in ["eval", "inspect"] {
+        sandbox.refuses(&[command, "--checkpoint", BEST], &[BEST, "format version 9", "version 1"]);
+    }
+}

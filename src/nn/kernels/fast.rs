@@ -375,7 +375,7 @@ impl Product {
         let mut row = 0;
         macro_rules! tiles {
             ($($height:literal)*) => {{$(
-                while $height * WIDTH <= V::ACCUMULATORS && row + $height <= self.rows {
+                while $height * WIDTH <= V::ACCUMULATORS && self.rows - row >= $height {
                     self.tile::<V, $height, WIDTH, FULL>(ends, row, column, last);
                     row += $height;
                 }
