@@ -58,7 +58,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 fn main() {
-    let path = Path::of_this_cpu();
+    let path = Path::current();
     println!("path {path:?}");
     println!(
         "{:>12} {:>6} {:>10} {:>10} {:>10} {:>7}",

@@ -24,7 +24,7 @@ pub trait Policy {
     fn q_values(&self) -> &[f32];
 }
 
-/// The action with the largest Q-value, the first of equals.
+/// A network's greedy policy, for a batch of observations at once.
 #[derive(Clone, Debug)]
 pub struct Greedy {
     network: Mlp<f32>,
@@ -32,24 +32,41 @@ pub struct Greedy {
 }
 
 impl Greedy {
-    /// The greedy policy of a network.
-    pub fn new(network: Mlp<f32>) -> Self {
-        Self { activations: Activations::new(network.sizes(), 1), network }
+    /// The greedy policy of a network for up to `batch` observations at once.
+    pub fn new(network: Mlp<f32>, batch: usize) -> Self {
+        Self { activations: Activations::new(network.sizes(), batch), network }
     }
 
-    /// The network.
-    pub fn network(&self) -> &Mlp<f32> {
-        &self.network
+    /// How many observations fit.
+    pub fn batch(&self) -> usize {
+        self.activations.output().nrows()
+    }
+
+    /// Computes the Q-values of these observations.
+    pub fn see<'a>(&mut self, observations: impl Iterator<Item = &'a [f32]>) {
+        let batch = self.batch();
+        let input = self.activations.input_mut().as_mut_slice();
+        for (sample, observation) in observations.enumerate() {
+            for (value, &feature) in input[sample..].iter_mut().step_by(batch).zip(observation) {
+                *value = feature;
+            }
+        }
+        self.network.forward(&mut self.activations);
+    }
+
+    /// The action with the largest Q-value for one of the observations seen, the first of equals.
+    pub fn action(&self, sample: usize) -> usize {
+        argmax(self.activations.output(), sample)
     }
 }
 
 impl Policy for Greedy {
     fn act(&mut self, observation: &[f32]) -> usize {
-        self.activations.input_mut().copy_from_slice(observation);
-        self.network.forward(&mut self.activations);
-        argmax(self.activations.output(), 0)
+        self.see(std::iter::once(observation));
+        self.action(0)
     }
 
+    /// Of all observations seen, action by action.
     fn q_values(&self) -> &[f32] {
         self.activations.output().as_slice()
     }

@@ -12,6 +12,7 @@ use crate::agent::{Greedy, Policy, Random};
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::env::{CartPole, Environment, TimeLimit};
 use crate::files::write_whole;
+use crate::nn::Mlp;
 use crate::rng::Rng;
 use crate::trainer::{Score, evaluate, play};
 
@@ -98,7 +99,13 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         check_trace(trace, arguments.checkpoint.as_deref())?;
     }
     let returns = match &arguments.checkpoint {
-        Some(path) => play_all(&mut load_policy(path)?, &arguments)?,
+        Some(path) => {
+            let network = load_policy(path)?;
+            match arguments.trace {
+                None => evaluate(&network, &CartPole::v1(), arguments.seed, arguments.episodes),
+                Some(_) => play_all(&mut Greedy::new(network, 1), &arguments)?,
+            }
+        }
         None => play_all(&mut Random::new(Task::NUM_ACTIONS, Rng::from_seed(arguments.seed)), &arguments)?,
     };
     let score = Score::new(&returns);
@@ -115,27 +122,26 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     }
 }
 
-/// The greedy policy of a checkpoint or of a run's folder.
-fn load_policy(path: &Path) -> Result<Greedy, Failure> {
+/// The policy of a checkpoint or of a run's folder.
+fn load_policy(path: &Path) -> Result<Mlp<f32>, Failure> {
     let path = checkpoint_of(path)?;
-    let policy = Checkpoint::read(&path)?
-        .policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS)
-        .map_err(|problem| CheckpointError { path, problem })?;
-    Ok(Greedy::new(policy))
+    let policy = Checkpoint::read(&path)?.policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS);
+    policy.map_err(|problem| CheckpointError { path, problem }.into())
 }
 
+/// Plays one episode after another, and writes the trace if one is asked for.
 fn play_all(policy: &mut impl Policy, arguments: &Arguments) -> Result<Vec<f64>, Failure> {
-    let Some(path) = &arguments.trace else {
-        return Ok(evaluate(policy, &CartPole::v1(), arguments.seed, arguments.episodes));
-    };
     let mut returns = Vec::new();
-    write_whole(path, |file| {
+    let mut play = |file: &mut dyn Write| -> io::Result<()> {
         for episode in 0..arguments.episodes {
             returns.push(trace_episode(policy, episode, arguments.seed + episode, file)?);
         }
         Ok(())
-    })
-    .map_err(|error| bad_trace(path, &error.to_string()))?;
+    };
+    match &arguments.trace {
+        None => play(&mut io::sink()).map_err(|error| Failure::Failed(error.to_string()))?,
+        Some(path) => write_whole(path, play).map_err(|error| bad_trace(path, &error.to_string()))?,
+    }
     Ok(returns)
 }
 

@@ -12,6 +12,7 @@ use clap::{Parser, Subcommand};
 
 use crate::checkpoint::{CheckpointError, Problem};
 use crate::config::ConfigError;
+use crate::nn::kernels;
 use crate::trainer::TrainError;
 
 /// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
@@ -79,11 +80,13 @@ impl Failure {
 
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
-    let result = match Arguments::parse().command {
+    let command = Arguments::parse().command;
+    let path = kernels::Path::from_environment().map_err(|error| Failure::BadInput(error.to_string()));
+    let result = path.and_then(|_| match command {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
-    };
+    });
     let Err(failure) = result else { return ExitCode::SUCCESS };
     // A closed stderr leaves nobody to tell.
     let _ = writeln!(io::stderr(), "error: {}", failure.message());

@@ -2,25 +2,60 @@
 
 use serde::Serialize;
 
-use crate::agent::Policy;
+use crate::agent::{Greedy, Policy};
 use crate::env::{Environment, Step};
+use crate::nn::Mlp;
 use crate::rng::Rng;
 
-/// Plays `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as Gymnasium's `reset(seed=…)`
-/// starts them, and returns their undiscounted returns.
+/// Most episodes that are played at the same time.
+const LOCKSTEP: u64 = 128;
+
+/// Plays a network's greedy policy in `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as
+/// Gymnasium's `reset(seed=…)` starts them, and returns their undiscounted returns.
+///
+/// Episodes run in lockstep, as one batch, with the same bits as one by one ([`play`]).
 pub fn evaluate<E: Environment>(
-    policy: &mut impl Policy,
+    network: &Mlp<f32>,
     environment: &E,
     first_seed: u64,
     episodes: u64,
 ) -> Vec<f64> {
-    (0..episodes)
-        .map(|episode| {
-            let seed = first_seed.wrapping_add(episode);
-            play(policy, environment.clone(), seed, |_| Ok::<_, std::convert::Infallible>(()))
-                .unwrap_or_else(|never| match never {})
+    let starts = (0..episodes).step_by(LOCKSTEP as usize);
+    starts
+        .flat_map(|start| {
+            let first_seed = first_seed.wrapping_add(start);
+            lockstep(network, environment, first_seed, LOCKSTEP.min(episodes - start))
         })
         .collect()
+}
+
+fn lockstep<E: Environment>(network: &Mlp<f32>, environment: &E, first_seed: u64, episodes: u64) -> Vec<f64> {
+    let mut returns = vec![0.0; episodes as usize];
+    // What is still being played: index, environment and latest observation.
+    let mut playing: Vec<(usize, E, E::Observation)> = (0..episodes)
+        .map(|episode| {
+            let mut environment = environment.clone();
+            let observation = environment.reset(&mut Rng::from_seed(first_seed.wrapping_add(episode)));
+            (episode as usize, environment, observation)
+        })
+        .collect();
+    let mut policy = Greedy::new(network.clone(), playing.len());
+    while !playing.is_empty() {
+        // Places of ended episodes are computed along until half of the batch is such.
+        if playing.len() <= policy.batch() / 2 {
+            policy = Greedy::new(network.clone(), playing.len());
+        }
+        policy.see(playing.iter().map(|(_, _, observation)| observation.as_ref()));
+        let mut place = 0;
+        playing.retain_mut(|(episode, environment, observation)| {
+            let step = environment.step(policy.action(place));
+            place += 1;
+            returns[*episode] += f64::from(step.reward);
+            *observation = step.observation.clone();
+            !step.ended()
+        });
+    }
+    returns
 }
 
 /// One step of an episode that is being played.

@@ -71,8 +71,14 @@ impl Sandbox {
         serde_json::from_str(&self.read(name)).unwrap()
     }
 
+    pub(crate) fn command(&self, arguments: &[&str]) -> assert_cmd::Command {
+        let mut command = assert_cmd::cargo::cargo_bin_cmd!("cartpole-dqn");
+        command.current_dir(self.0.path()).args(arguments);
+        command
+    }
+
     pub(crate) fn run(&self, arguments: &[&str]) -> Assert {
-        assert_cmd::cargo::cargo_bin_cmd!("cartpole-dqn").current_dir(self.0.path()).args(arguments).assert()
+        self.command(arguments).assert()
     }
 
     /// `train` with [`TINY`] settings.

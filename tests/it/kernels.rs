@@ -34,7 +34,7 @@ fn compare(batch: usize, inputs: usize, outputs: usize, rng: &mut Rng, spoil: Op
         x[(batch / 2, inputs / 2)] = value;
         layer[outputs / 2] = -value;
     }
-    for path in Path::of_this_cpu_and_narrower() {
+    for path in Path::available() {
         let what = format!("{path:?}, batch {batch}, {inputs} -> {outputs}");
         for relu in [false, true] {
             let (mut ours, mut expected) = (nan(batch, outputs), nan(batch, outputs));
@@ -113,7 +113,7 @@ fn adam_has_the_references_bits() {
         let mut expected = [parameters.clone(), first.clone(), second.clone()];
         let [p, m, v] = &mut expected;
         assert!(reference::adam(&coefficients, p, &gradient, m, v));
-        for path in Path::of_this_cpu_and_narrower() {
+        for path in Path::available() {
             let mut ours = [parameters.clone(), first.clone(), second.clone()];
             let [p, m, v] = &mut ours;
             assert!(fast::adam(path, &coefficients, p, &gradient, m, v));

@@ -8,6 +8,7 @@ mod golden_physics;
 mod golden_update;
 mod kernels;
 mod replay;
+mod simd;
 mod training;
 
 use std::path::PathBuf;

@@ -1,11 +1,11 @@
 //! Whole runs: learning, the loop, the same bits.
 
-use cartpole_dqn::agent::{Dqn, Policy, Transition};
+use cartpole_dqn::agent::{Dqn, Greedy, Policy, Transition};
 use cartpole_dqn::checkpoint::{Checkpoint, weights_sha256};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{CartPole, Environment, Step, TimeLimit};
 use cartpole_dqn::rng::Rng;
-use cartpole_dqn::trainer::{EndReason, Event, Score, TrainError, Trainer, evaluate};
+use cartpole_dqn::trainer::{EndReason, Event, Score, TrainError, Trainer, evaluate, play};
 use serde::{Deserialize, Serialize};
 
 /// Two states; the action with the state's number is worth 1, the other nothing. Ten steps an episode.
@@ -238,9 +238,9 @@ fn a_run_resumed_in_mid_episode_goes_on_with_the_same_bits() {
 
 #[test]
 fn an_evaluation_is_repeatable_and_leaves_the_training_alone() {
-    let mut policy = cartpole_dqn::agent::Greedy::new(smoke(3).agent().online.clone());
-    let returns = evaluate(&mut policy, &CartPole::v1(), 42, 5);
-    assert_eq!(evaluate(&mut policy, &CartPole::v1(), 44, 3), returns[2..]);
+    let network = smoke(3).agent().online.clone();
+    let returns = evaluate(&network, &CartPole::v1(), 42, 5);
+    assert_eq!(evaluate(&network, &CartPole::v1(), 44, 3), returns[2..]);
 
     let run = |every: &str| {
         let sets = ["network.hidden=[8]", "budget.steps=1300", "evaluation.episodes=3", every];
@@ -249,6 +249,19 @@ fn an_evaluation_is_repeatable_and_leaves_the_training_alone() {
         weights_sha256(&trainer.agent().online)
     };
     assert_eq!(run("evaluation.every_steps=1000"), run("evaluation.every_steps=100"));
+}
+
+#[test]
+fn episodes_in_lockstep_are_the_episodes_one_by_one() {
+    let mut trainer = smoke(2);
+    trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+    let network = &trainer.agent().online;
+    let mut policy = Greedy::new(network.clone(), 1);
+    let one_by_one: Vec<f64> = (0..150)
+        .map(|episode| play(&mut policy, CartPole::v1(), 9 + episode, |_| Ok::<_, ()>(())).unwrap())
+        .collect();
+    assert_eq!(evaluate(network, &CartPole::v1(), 9, 150), one_by_one);
+    assert!(one_by_one.iter().any(|&value| value != one_by_one[0]), "episodes of several lengths");
 }
 
 #[test]

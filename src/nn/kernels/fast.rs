@@ -12,7 +12,7 @@ use super::vector::{Avx2, Avx512};
 use super::vector::{Scalar, Vector};
 use crate::nn::adam::AdamCoefficients;
 
-/// The instruction set that the kernels run on.
+/// The instruction set that the kernels run on. All give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Path {
     /// Any CPU.
@@ -25,28 +25,57 @@ pub enum Path {
     Avx512,
 }
 
+/// `CARTPOLE_DQN_SIMD` asks for what this CPU does not have.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{} is {asked:?}; this CPU can run {}", Path::VARIABLE, Path::available().iter().map(|path| path.name()).collect::<Vec<_>>().join(", "))]
+pub struct UnknownPath {
+    asked: String,
+}
+
 impl Path {
-    /// The fastest that this CPU has.
-    pub fn of_this_cpu() -> Self {
+    /// The environment variable that forces a path, for tests and comparisons.
+    pub const VARIABLE: &str = "CARTPOLE_DQN_SIMD";
+
+    /// What the kernels use: see [`Self::from_environment`]; the fastest if that fails.
+    pub fn current() -> Self {
         static PATH: OnceLock<Path> = OnceLock::new();
-        *PATH.get_or_init(|| Self::of_this_cpu_and_narrower()[0])
+        *PATH.get_or_init(|| Self::from_environment().unwrap_or(Self::available()[0]))
+    }
+
+    /// The path that [`Self::VARIABLE`] names (`scalar`, `avx2`, `avx512`), or else the fastest.
+    ///
+    /// # Errors
+    /// When it names none that this CPU has.
+    pub fn from_environment() -> Result<Self, UnknownPath> {
+        let available = Self::available();
+        let Some(asked) = std::env::var_os(Self::VARIABLE) else { return Ok(available[0]) };
+        let asked = asked.to_string_lossy().into_owned();
+        available.into_iter().find(|path| path.name() == asked).ok_or(UnknownPath { asked })
     }
 
     /// All that this CPU has, the fastest first.
-    pub fn of_this_cpu_and_narrower() -> Vec<Self> {
-        let mut paths = Vec::new();
+    pub fn available() -> Vec<Self> {
+        let mut paths = vec![Self::Scalar];
         #[cfg(target_arch = "x86_64")]
-        {
-            let has_avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
-            if has_avx2 && is_x86_feature_detected!("avx512f") {
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            paths.push(Self::Avx2);
+            if is_x86_feature_detected!("avx512f") {
                 paths.push(Self::Avx512);
             }
-            if has_avx2 {
-                paths.push(Self::Avx2);
-            }
         }
-        paths.push(Self::Scalar);
+        paths.reverse();
         paths
+    }
+
+    /// Its name in [`Self::VARIABLE`].
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Scalar => "scalar",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => "avx512",
+        }
     }
 }
 

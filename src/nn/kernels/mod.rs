@@ -17,7 +17,7 @@ mod vector;
 use nalgebra::DMatrix;
 
 pub use super::adam::AdamCoefficients;
-pub use fast::Path;
+pub use fast::{Path, UnknownPath};
 
 /// f32 or f64, with the kernels that compute in it. f64 runs the reference.
 pub trait Float:
@@ -107,13 +107,13 @@ macro_rules! float {
 float!(f64 {});
 float!(f32 {
     fn affine(x: &DMatrix<f32>, layer: &[f32], relu: bool, y: &mut DMatrix<f32>) {
-        fast::affine(Path::of_this_cpu(), x, layer, relu, y);
+        fast::affine(Path::current(), x, layer, relu, y);
     }
     fn input_gradient(dy: &DMatrix<f32>, layer: &[f32], x: &DMatrix<f32>, dx: &mut DMatrix<f32>) {
-        fast::input_gradient(Path::of_this_cpu(), dy, layer, x, dx);
+        fast::input_gradient(Path::current(), dy, layer, x, dx);
     }
     fn layer_gradient(dy: &DMatrix<f32>, x: &DMatrix<f32>, scratch: &mut [f32], gradient: &mut [f32]) {
-        fast::layer_gradient(Path::of_this_cpu(), dy, x, scratch, gradient);
+        fast::layer_gradient(Path::current(), dy, x, scratch, gradient);
     }
     fn adam(
         coefficients: &AdamCoefficients<f32>,
@@ -122,6 +122,6 @@ float!(f32 {
         first_moment: &mut [f32],
         second_moment: &mut [f32],
     ) -> bool {
-        fast::adam(Path::of_this_cpu(), coefficients, parameters, gradient, first_moment, second_moment)
+        fast::adam(Path::current(), coefficients, parameters, gradient, first_moment, second_moment)
     }
 });
