@@ -144,11 +144,11 @@ impl Dqn {
         }
         let gamma = self.config.gamma as f32;
 
-        target.input_mut().copy_from(&minibatch.next_observations);
+        target.set_input(&minibatch.next_observations);
         self.target.forward(target);
         td::targets(gamma, &minibatch.rewards, &minibatch.terminated, target.output(), targets);
 
-        online.input_mut().copy_from(&minibatch.observations);
+        online.set_input(&minibatch.observations);
         self.online.forward(online);
         let (q, q_gradient) = online.output_and_gradient_mut();
         let loss = td::loss(self.config.loss, q, &minibatch.actions, targets, q_gradient);

@@ -223,13 +223,8 @@ impl Replay {
             minibatch.actions[sample] = self.actions[slot];
             minibatch.rewards[sample] = self.rewards[slot];
             minibatch.terminated[sample] = self.ends[slot] == End::Terminated;
-            let column = |features: &mut [f32], values: &[f32]| {
-                for (feature, &value) in features[sample..].iter_mut().step_by(batch).zip(values) {
-                    *feature = value;
-                }
-            };
-            column(observations, self.observation(slot));
-            column(next_observations, self.next_observation(slot));
+            set_row(observations, batch, sample, self.observation(slot));
+            set_row(next_observations, batch, sample, self.next_observation(slot));
         }
     }
 
@@ -309,5 +304,20 @@ impl Replay {
         let finals = &self.final_slots[self.forgotten_finals..];
         let index = self.forgotten_finals + finals.partition_point(|&slot| self.age(slot) < age);
         &self.final_observations[index * self.observation_size..][..self.observation_size]
+    }
+}
+
+/// Sets one sample's row of a (batch, features) matrix in column-major order; four features at a time, because that
+/// is what most observations are made of.
+fn set_row(matrix: &mut [f32], batch: usize, sample: usize, values: &[f32]) {
+    let (fours, rest) = values.as_chunks::<4>();
+    let mut columns = matrix.chunks_exact_mut(batch);
+    for four in fours {
+        for (value, column) in four.iter().zip(&mut columns) {
+            column[sample] = *value;
+        }
+    }
+    for (value, column) in rest.iter().zip(columns) {
+        column[sample] = *value;
     }
 }

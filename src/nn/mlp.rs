@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::kernels::scratch_len;
 use super::{Float, NetworkConfig};
 use crate::rng::Rng;
 
@@ -25,13 +26,18 @@ impl<T: Float> Activations<T> {
     /// Room for batches of exactly `batch` rows through a network of these layer sizes.
     pub fn new(sizes: &[usize], batch: usize) -> Self {
         let layers: Vec<_> = sizes.iter().map(|&size| DMatrix::from_element(batch, size, T::ZERO)).collect();
-        let widest = sizes.iter().max().map_or(0, |size| size * batch);
-        Self { gradients: layers.clone(), layers, scratch: vec![T::ZERO; widest] }
+        let widest = sizes.iter().copied().max().unwrap_or(0);
+        Self { gradients: layers.clone(), layers, scratch: vec![T::ZERO; scratch_len(batch, widest)] }
     }
 
     /// The network's input, to be filled in.
     pub fn input_mut(&mut self) -> &mut DMatrix<T> {
         &mut self.layers[0]
+    }
+
+    /// Copies the network's input, (batch, in).
+    pub fn set_input(&mut self, input: &DMatrix<T>) {
+        self.layers[0].as_mut_slice().copy_from_slice(input.as_slice());
     }
 
     /// The network's output, (batch, out).
@@ -114,7 +120,7 @@ impl<T: Float> Mlp<T> {
         for layer in 0..self.num_layers() {
             let (before, after) = activations.layers.split_at_mut(layer + 1);
             let relu = layer + 1 < self.num_layers();
-            T::affine(&before[layer], self.layer(layer), relu, &mut after[0]);
+            T::affine(&before[layer], self.layer(layer), relu, &mut activations.scratch, &mut after[0]);
         }
     }
 
@@ -130,7 +136,7 @@ impl<T: Float> Mlp<T> {
             let (before, after) = gradients.split_at_mut(layer + 1);
             T::layer_gradient(&after[0], &layers[layer], scratch, gradient.layer_mut(layer));
             if layer > 0 {
-                T::input_gradient(&after[0], self.layer(layer), &layers[layer], &mut before[layer]);
+                T::input_gradient(&after[0], self.layer(layer), &layers[layer], scratch, &mut before[layer]);
             }
         }
     }

@@ -118,10 +118,17 @@ macro_rules! kernel {
 
 kernel! {
     /// See [`super::Float::affine`].
-    pub fn affine<V>(x: &DMatrix<f32>, layer: &[f32], relu: bool, y: &mut DMatrix<f32>) {
+    pub fn affine<V>(
+        x: &DMatrix<f32>,
+        layer: &[f32],
+        relu: bool,
+        scratch: &mut [f32],
+        y: &mut DMatrix<f32>,
+    ) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), y.ncols());
-        assert!(y.nrows() == batch && layer.len() == (inputs + 1) * outputs);
+        assert!(scratch.len() >= PACKED && y.nrows() == batch && layer.len() == (inputs + 1) * outputs);
         let bias = layer[inputs * outputs..].as_ptr();
+        let scratch = scratch.as_mut_ptr();
         // SAFETY: the operands have the asserted sizes.
         unsafe {
             if batch == 1 {
@@ -134,6 +141,8 @@ kernel! {
                     a_row: 0,
                     a_column: 1,
                     b: layer.as_ptr(),
+                    b_row: outputs,
+                    scratch,
                     c: y.as_mut_slice().as_mut_ptr(),
                 };
                 product.compute::<V>(RowBias { bias, relu });
@@ -146,6 +155,8 @@ kernel! {
                     a_row: 1,
                     a_column: outputs,
                     b: x.as_slice().as_ptr(),
+                    b_row: batch,
+                    scratch,
                     c: y.as_mut_slice().as_mut_ptr(),
                 };
                 product.compute::<V>(ColumnBias { bias, relu });
@@ -156,9 +167,15 @@ kernel! {
 
 kernel! {
     /// See [`super::Float::input_gradient`].
-    pub fn input_gradient<V>(dy: &DMatrix<f32>, layer: &[f32], x: &DMatrix<f32>, dx: &mut DMatrix<f32>) {
+    pub fn input_gradient<V>(
+        dy: &DMatrix<f32>,
+        layer: &[f32],
+        x: &DMatrix<f32>,
+        scratch: &mut [f32],
+        dx: &mut DMatrix<f32>,
+    ) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
-        assert!(dx.shape() == x.shape() && dy.nrows() == batch && layer.len() == (inputs + 1) * outputs);
+        assert!(scratch.len() >= PACKED && dx.shape() == x.shape() && dy.nrows() == batch && layer.len() == (inputs + 1) * outputs);
         let product = Product {
             rows: inputs,
             columns: batch,
@@ -167,6 +184,8 @@ kernel! {
             a_row: outputs,
             a_column: 1,
             b: dy.as_slice().as_ptr(),
+            b_row: batch,
+            scratch: scratch.as_mut_ptr(),
             c: dx.as_mut_slice().as_mut_ptr(),
         };
         // SAFETY: the operands have the asserted sizes.
@@ -179,12 +198,13 @@ kernel! {
     pub fn layer_gradient<V>(
         dy: &DMatrix<f32>,
         x: &DMatrix<f32>,
-        dy_transposed: &mut [f32],
+        scratch: &mut [f32],
         gradient: &mut [f32],
     ) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
         assert!(dy.nrows() == batch && gradient.len() == (inputs + 1) * outputs);
-        let dy_transposed = &mut dy_transposed[..batch * outputs];
+        let (scratch, dy_transposed) = scratch.split_at_mut(PACKED);
+        assert!(dy_transposed.len() >= batch * outputs);
         let (weight, bias) = gradient.split_at_mut(inputs * outputs);
         let product = Product {
             rows: inputs,
@@ -194,6 +214,8 @@ kernel! {
             a_row: batch,
             a_column: 1,
             b: dy_transposed.as_mut_ptr(),
+            b_row: outputs,
+            scratch: scratch.as_mut_ptr(),
             c: weight.as_mut_ptr(),
         };
         // The bias is the weight of an input that is always 1.
@@ -274,8 +296,8 @@ kernel! {
     }
 }
 
-/// The operands of C = start + A B: C is (rows, columns), A (rows, inner), B (inner, columns); B and C are
-/// row-major, A has the given strides.
+/// The operands of C = start + A B: C is (rows, columns), A (rows, inner), B (inner, columns); C is row-major, A and
+/// B have the given strides.
 #[derive(Clone, Copy)]
 struct Product {
     rows: usize,
@@ -285,8 +307,14 @@ struct Product {
     a_row: usize,
     a_column: usize,
     b: *const f32,
+    b_row: usize,
     c: *mut f32,
+    /// Room for [`PACKED`] numbers.
+    scratch: *mut f32,
 }
+
+/// Numbers that a strip of B is packed into, if it fits: half of an L1 cache.
+pub const PACKED: usize = 16 * 256;
 
 /// What a sum in C starts from, and what is stored of it; `lanes` of its vector are meant.
 trait Ends: Copy {
@@ -401,21 +429,40 @@ impl Product {
         column: usize,
         last: usize,
     ) {
+        let strip = Self { b: self.b.add(column), ..self };
+        let strip = if FULL { strip.packed::<V, WIDTH>() } else { strip };
         let mut row = 0;
         macro_rules! tiles {
             ($($height:literal)*) => {{$(
                 while $height * WIDTH <= V::ACCUMULATORS && self.rows - row >= $height {
-                    self.tile::<V, $height, WIDTH, FULL>(ends, row, column, last);
+                    strip.tile::<V, $height, WIDTH, FULL>(ends, row, column, last);
                     row += $height;
                 }
             )*}};
         }
         match WIDTH {
-            1 => tiles!(12 4 1),
+            1 => tiles!(8 4 1),
             2 => tiles!(12 6 4 2 1),
             3 => tiles!(8 4 1),
             _ => tiles!(2 1),
         }
+    }
+
+    /// Copies a strip of B that is used often enough to rows that follow each other, because rows a power of two
+    /// apart push each other out of the cache.
+    #[inline(always)]
+    unsafe fn packed<V: Vector, const WIDTH: usize>(self) -> Self {
+        let width = WIDTH * V::LANES;
+        if self.rows < 32 || self.inner < 32 || self.inner * width > PACKED {
+            return self;
+        }
+        for row in 0..self.inner {
+            for vector in 0..WIDTH {
+                let value = V::load(self.b.add(row * self.b_row + vector * V::LANES));
+                value.store(self.scratch.add(row * width + vector * V::LANES));
+            }
+        }
+        Self { b: self.scratch, b_row: width, ..self }
     }
 
     /// `HEIGHT` rows of a strip: the sums stay in registers.
@@ -434,7 +481,7 @@ impl Product {
                 *sum = ends.start(row + i, column + j * V::LANES, lanes(j));
             }
         }
-        let (mut a, mut b) = (self.a.add(row * self.a_row), self.b.add(column));
+        let (mut a, mut b) = (self.a.add(row * self.a_row), self.b);
         for _ in 0..self.inner {
             let mut terms = [V::splat(0.0); WIDTH];
             for (j, term) in terms.iter_mut().enumerate() {
@@ -447,7 +494,7 @@ impl Product {
                 }
             }
             a = a.wrapping_add(self.a_column);
-            b = b.wrapping_add(self.columns);
+            b = b.wrapping_add(self.b_row);
         }
         for (i, sums) in sums.iter().enumerate() {
             for (j, &sum) in sums.iter().enumerate() {

@@ -19,6 +19,11 @@ use nalgebra::DMatrix;
 pub use super::adam::AdamCoefficients;
 pub use fast::{Path, UnknownPath};
 
+/// Numbers of scratch that the kernels need for batches through a network whose widest layer has `widest` units.
+pub const fn scratch_len(batch: usize, widest: usize) -> usize {
+    fast::PACKED + batch * widest
+}
+
 /// f32 or f64, with the kernels that compute in it. f64 runs the reference.
 pub trait Float:
     nalgebra::Scalar
@@ -47,18 +52,24 @@ pub trait Float:
     /// self, limited to `low`…`high`.
     fn clamp(self, low: Self, high: Self) -> Self;
 
-    /// y = W x + b, with ReLU if asked for. x is (batch, in), `layer` is W (in, out) and b (out), y (batch, out).
-    fn affine(x: &DMatrix<Self>, layer: &[Self], relu: bool, y: &mut DMatrix<Self>) {
+    /// y = W x + b, with ReLU if asked for. x is (batch, in), `layer` is W (in, out) and b (out), y (batch, out);
+    /// for the scratch see [`scratch_len`].
+    fn affine(x: &DMatrix<Self>, layer: &[Self], relu: bool, _scratch: &mut [Self], y: &mut DMatrix<Self>) {
         reference::affine(x, layer, relu, y);
     }
 
     /// dx = Wᵀ dy where x > 0, else 0. dy is (batch, out), `layer` as in [`Self::affine`], x and dx (batch, in).
-    fn input_gradient(dy: &DMatrix<Self>, layer: &[Self], x: &DMatrix<Self>, dx: &mut DMatrix<Self>) {
+    fn input_gradient(
+        dy: &DMatrix<Self>,
+        layer: &[Self],
+        x: &DMatrix<Self>,
+        _scratch: &mut [Self],
+        dx: &mut DMatrix<Self>,
+    ) {
         reference::input_gradient(dy, layer, x, dx);
     }
 
-    /// dW = dy xᵀ (in, out) and db = Σ_batch dy (out), into `gradient`. dy is (batch, out), x (batch, in);
-    /// `_scratch` has room for dy.
+    /// dW = dy xᵀ (in, out) and db = Σ_batch dy (out), into `gradient`. dy is (batch, out), x (batch, in).
     fn layer_gradient(dy: &DMatrix<Self>, x: &DMatrix<Self>, _scratch: &mut [Self], gradient: &mut [Self]) {
         reference::layer_gradient(dy, x, gradient);
     }
@@ -106,11 +117,17 @@ macro_rules! float {
 
 float!(f64 {});
 float!(f32 {
-    fn affine(x: &DMatrix<f32>, layer: &[f32], relu: bool, y: &mut DMatrix<f32>) {
-        fast::affine(Path::current(), x, layer, relu, y);
+    fn affine(x: &DMatrix<f32>, layer: &[f32], relu: bool, scratch: &mut [f32], y: &mut DMatrix<f32>) {
+        fast::affine(Path::current(), x, layer, relu, scratch, y);
     }
-    fn input_gradient(dy: &DMatrix<f32>, layer: &[f32], x: &DMatrix<f32>, dx: &mut DMatrix<f32>) {
-        fast::input_gradient(Path::current(), dy, layer, x, dx);
+    fn input_gradient(
+        dy: &DMatrix<f32>,
+        layer: &[f32],
+        x: &DMatrix<f32>,
+        scratch: &mut [f32],
+        dx: &mut DMatrix<f32>,
+    ) {
+        fast::input_gradient(Path::current(), dy, layer, x, scratch, dx);
     }
     fn layer_gradient(dy: &DMatrix<f32>, x: &DMatrix<f32>, scratch: &mut [f32], gradient: &mut [f32]) {
         fast::layer_gradient(Path::current(), dy, x, scratch, gradient);
