@@ -14,11 +14,13 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use layer::{Layer, choose, invalid, object};
+use layer::{Layer, choose, choose_or_null, invalid, object};
 
-use crate::agent::{DqnConfig, Exploration, LearnConfig, ReplayConfig, TargetUpdate, UpdateMode};
-use crate::env::EnvironmentId;
-use crate::nn::{AdamConfig, Init, Loss, NetworkConfig};
+use crate::agent::{
+    DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
+};
+use crate::env::{CartPole, Environment, EnvironmentId};
+use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
 /// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
@@ -31,12 +33,16 @@ pub struct Config {
     pub environment: EnvironmentId,
     /// The Q-network.
     pub network: NetworkConfig,
-    /// Adam.
-    pub optimizer: AdamConfig,
+    /// Adam, the schedule of its step size and the limit of the gradient.
+    pub optimizer: OptimizerConfig,
     /// The loss of a TD error.
     pub loss: Loss,
     /// Discount factor per step, 0…1.
     pub gamma: f64,
+    /// Steps of reward before a target bootstraps, 1…100 (Sutton 1988; Mnih et al. 2016).
+    pub n_step: usize,
+    /// Whether the online network chooses the action that the target network values (van Hasselt et al. 2016).
+    pub double: bool,
     /// The replay memory and how it is used.
     pub replay: ReplayConfig,
     /// When to learn.
@@ -47,6 +53,12 @@ pub struct Config {
     pub target: TargetUpdate,
     /// Whether a truncated transition zeroes the bootstrap as a terminated one does (the tutorial's mistake).
     pub truncation_is_terminal: bool,
+    /// What each coordinate of an observation is divided by, 1e-30…1e30; null for nothing.
+    pub observation_scale: Option<Vec<f64>>,
+    /// What rewards are multiplied by before they are stored, 1e-30…1e30.
+    pub reward_scale: f64,
+    /// The weights that are evaluated and saved as the policy.
+    pub policy_weights: PolicyWeights,
     /// When the run ends.
     pub budget: Budget,
     /// The greedy evaluations during training.
@@ -63,9 +75,18 @@ impl Default for Config {
             seed: 0,
             environment: EnvironmentId::CartPoleV1,
             network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
-            optimizer: AdamConfig { learning_rate: 1e-3, beta1: 0.9, beta2: 0.999, epsilon: 1e-8 },
+            optimizer: OptimizerConfig {
+                learning_rate: 1e-3,
+                beta1: 0.9,
+                beta2: 0.999,
+                epsilon: 1e-8,
+                max_gradient_norm: None,
+                schedule: None,
+            },
             loss: Loss::Mse,
             gamma: 0.99,
+            n_step: 1,
+            double: false,
             replay: ReplayConfig {
                 capacity: 50_000,
                 batch_size: 32,
@@ -76,6 +97,9 @@ impl Default for Config {
             exploration: Exploration::Linear { initial: 1.0, final_: 0.05, steps: 10_000 },
             target: TargetUpdate::EverySteps(500),
             truncation_is_terminal: false,
+            observation_scale: None,
+            reward_scale: 1.0,
+            policy_weights: PolicyWeights::Online,
             budget: Budget::Steps(50_000),
             evaluation: EvaluationConfig { every_steps: 1000, episodes: 20 },
             checkpoint: CheckpointConfig { every_steps: 10_000 },
@@ -89,9 +113,13 @@ impl Default for Config {
 fn alternatives(default: &Config) -> [(&'static str, Vec<Map<String, Value>>); 3] {
     let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995 };
     let every_episodes = TargetUpdate::EveryEpisodes(10);
+    let soft = TargetUpdate::Soft { tau: 0.005 };
     [
         ("exploration", vec![object(default.exploration), object(per_episode)]),
-        ("target", vec![object(default.target), object(every_episodes), object(TargetUpdate::None)]),
+        (
+            "target",
+            vec![object(default.target), object(every_episodes), object(soft), object(TargetUpdate::None)],
+        ),
         ("budget", vec![object(default.budget), object(Budget::Episodes(500))]),
     ]
 }
@@ -107,8 +135,17 @@ const KEYS: &[(&str, Allowed)] = &[
     ("optimizer.beta1", BELOW_ONE),
     ("optimizer.beta2", BELOW_ONE),
     ("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", |x| (1e-30..=1.0).contains(&x))),
+    ("optimizer.max_gradient_norm", Allowed::OrNull(&SCALE)),
+    (
+        "optimizer.schedule",
+        Allowed::OrNull(&Allowed::Object("an object with `final_learning_rate`, `steps`")),
+    ),
+    ("optimizer.schedule.final_learning_rate", UNIT),
+    ("optimizer.schedule.steps", PERIOD),
     ("loss", Allowed::OneOf(&["mse", "huber"])),
     ("gamma", UNIT),
+    ("n_step", Allowed::Integer(1, 100)),
+    ("double", Allowed::Bool),
     ("replay.capacity", Allowed::Integer(1, 100_000_000)),
     ("replay.batch_size", Allowed::Integer(1, 65_536)),
     ("replay.warmup_steps", Allowed::Integer(0, u64::MAX)),
@@ -120,10 +157,14 @@ const KEYS: &[(&str, Allowed)] = &[
     ("exploration.final", UNIT),
     ("exploration.decay", POSITIVE),
     ("exploration.steps", PERIOD),
-    ("target.kind", Allowed::OneOf(&["hard", "none"])),
+    ("target.kind", Allowed::OneOf(&["hard", "none", "soft"])),
     ("target.every_steps", PERIOD),
     ("target.every_episodes", PERIOD),
+    ("target.tau", POSITIVE),
     ("truncation_is_terminal", Allowed::Bool),
+    ("observation_scale", Allowed::OrNull(&Allowed::Scales)),
+    ("reward_scale", SCALE),
+    ("policy_weights", Allowed::OneOf(&["online", "target"])),
     ("budget.steps", PERIOD),
     ("budget.episodes", PERIOD),
     ("evaluation.every_steps", PERIOD),
@@ -136,6 +177,7 @@ const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
 const UNIT: Allowed = Allowed::Number("from 0 to 1", |x| (0.0..=1.0).contains(&x));
 const BELOW_ONE: Allowed = Allowed::Number("from 0 to below 1", |x| (0.0..1.0).contains(&x));
 const POSITIVE: Allowed = Allowed::Number("above 0 and at most 1", |x| x > 0.0 && x <= 1.0);
+const SCALE: Allowed = Allowed::Number("from 1e-30 to 1e30", |x| (1e-30..=1e30).contains(&x));
 
 /// What a key may hold.
 enum Allowed {
@@ -147,6 +189,11 @@ enum Allowed {
     /// The range in words and as a predicate.
     Number(&'static str, fn(f64) -> bool),
     LayerSizes,
+    /// One number for each coordinate of an observation.
+    Scales,
+    /// Its keys in words; each has its own line.
+    Object(&'static str),
+    OrNull(&'static Allowed),
 }
 
 impl Allowed {
@@ -160,6 +207,11 @@ impl Allowed {
             Self::LayerSizes => value.as_array().is_some_and(|sizes| {
                 sizes.len() <= 16 && sizes.iter().all(|size| Self::Integer(1, 4096).admits(size))
             }),
+            Self::Scales => {
+                value.as_array().is_some_and(|scales| scales.iter().all(|scale| SCALE.admits(scale)))
+            }
+            Self::Object(_) => value.is_object(),
+            Self::OrNull(allowed) => value.is_null() || allowed.admits(value),
         }
     }
 }
@@ -174,6 +226,15 @@ impl fmt::Display for Allowed {
             Self::Integer(low, high) => write!(f, "an integer from {low} to {high}"),
             Self::Number(range, _) => write!(f, "a number {range}"),
             Self::LayerSizes => write!(f, "a list of at most 16 integers, each from 1 to 4096"),
+            Self::Scales => {
+                write!(
+                    f,
+                    "a list with {SCALE} for each of the {} observation coordinates",
+                    CartPole::OBSERVATION_SIZE
+                )
+            }
+            Self::Object(keys) => write!(f, "{keys}"),
+            Self::OrNull(allowed) => write!(f, "null or {allowed}"),
         }
     }
 }
@@ -224,6 +285,8 @@ impl Config {
         for (group, alternatives) in alternatives(&default) {
             root[group] = choose(group, &alternatives, &layers)?.into();
         }
+        let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
+        root["optimizer"]["schedule"] = choose_or_null("optimizer.schedule", &object(schedule), &layers)?;
         let origin = layers.iter().map(|layer| layer.origin.as_str()).collect::<Vec<_>>().join(" with ");
         let config: Self = serde_json::from_value(root)
             .map_err(|source| ConfigError::Json { origin: origin.clone(), source })?;
@@ -269,6 +332,22 @@ impl Config {
                 at_most("exploration.initial", json!(initial)),
             ),
             (steps >= least_steps, "budget.steps", json!(steps), enough),
+            (
+                self.observation_scale.as_ref().is_none_or(|scale| scale.len() == CartPole::OBSERVATION_SIZE),
+                "observation_scale",
+                json!(self.observation_scale),
+                Allowed::OrNull(&Allowed::Scales).to_string(),
+            ),
+            (
+                self.policy_weights == PolicyWeights::Online
+                    || matches!(self.target, TargetUpdate::Soft { .. }),
+                "policy_weights",
+                json!(self.policy_weights),
+                format!(
+                    "\"online\"; \"target\" only if `target.kind` is \"soft\", and `target` is {}",
+                    json!(self.target)
+                ),
+            ),
         ];
         match rules.into_iter().find(|(holds, ..)| !holds) {
             Some((_, key, value, allowed)) => Err(invalid(origin, key, &value, allowed)),
@@ -283,11 +362,16 @@ impl Config {
             optimizer: self.optimizer,
             loss: self.loss,
             gamma: self.gamma,
+            n_step: self.n_step,
+            double: self.double,
             replay: self.replay.clone(),
             learn: self.learn.clone(),
             exploration: self.exploration,
             target: self.target,
             truncation_is_terminal: self.truncation_is_terminal,
+            observation_scale: self.observation_scale.clone(),
+            reward_scale: self.reward_scale,
+            policy_weights: self.policy_weights,
         }
     }
 }

@@ -2,8 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Exploration, Minibatch, Policy, Replay, ReplayConfig, Transition, UpdateMode, argmax, td};
-use crate::nn::{Activations, Adam, AdamConfig, Loss, Mlp, NetworkConfig};
+use super::{
+    Exploration, Minibatch, Policy, PolicyWeights, Replay, ReplayConfig, TargetUpdate, Transition,
+    UpdateMode, argmax, td,
+};
+use crate::nn::{Activations, Adam, Loss, Mlp, NetworkConfig, OptimizerConfig, clip_norm};
 use crate::rng::{Rng, Stream};
 
 /// When to learn.
@@ -21,23 +24,31 @@ pub struct LearnConfig {
 #[allow(missing_docs)]
 pub struct DqnConfig {
     pub network: NetworkConfig,
-    pub optimizer: AdamConfig,
+    pub optimizer: OptimizerConfig,
     pub loss: Loss,
     pub gamma: f64,
+    pub n_step: usize,
+    pub double: bool,
     pub replay: ReplayConfig,
     pub learn: LearnConfig,
     pub exploration: Exploration,
     pub target: TargetUpdate,
     pub truncation_is_terminal: bool,
+    pub observation_scale: Option<Vec<f64>>,
+    pub reward_scale: f64,
+    pub policy_weights: PolicyWeights,
 }
 
 /// The agent.
 #[derive(Clone, Debug)]
 pub struct Dqn {
     config: DqnConfig,
+    /// What each coordinate of an observation is divided by before anything else sees it.
+    observation_scale: Vec<f32>,
     /// Chooses the actions and learns.
     pub online: Mlp<f32>,
-    /// Bootstraps the targets: an older copy of `online`. Without a target network it is copied at each update.
+    /// Bootstraps the targets: an older copy or a running mean of `online`. Without a target network it is copied at
+    /// each update.
     pub target: Mlp<f32>,
     /// The optimiser of `online`.
     pub adam: Adam<f32>,
@@ -62,6 +73,8 @@ struct Buffers {
     target: Activations<f32>,
     gradient: Mlp<f32>,
     acting: Activations<f32>,
+    observation: Vec<f32>,
+    next_observation: Vec<f32>,
 }
 
 /// A loss or a weight became NaN or infinite.
@@ -92,14 +105,21 @@ impl Dqn {
             target: Activations::new(online.sizes(), batch_size),
             gradient: Mlp::zeros(online.sizes().to_vec()),
             acting: Activations::new(online.sizes(), 1),
+            observation: vec![0.0; observation_size],
+            next_observation: vec![0.0; observation_size],
+        };
+        let observation_scale = match &config.observation_scale {
+            Some(scale) => scale.iter().map(|&scale| scale as f32).collect(),
+            None => vec![1.0; observation_size],
         };
         Self {
             target: online.clone(),
-            adam: Adam::new(config.optimizer, online.parameters().len()),
+            adam: Adam::new(config.optimizer.adam(), online.parameters().len()),
             replay: Replay::new(config.replay.capacity, observation_size),
             epsilon: config.exploration.initial_epsilon(),
             explore_rng: Rng::spawn(seed, Stream::Explore),
             replay_rng: Rng::spawn(seed, Stream::Replay),
+            observation_scale,
             online,
             buffers,
             config,
@@ -110,7 +130,11 @@ impl Dqn {
     pub fn observe(&mut self, transition: Transition) {
         let terminated =
             transition.terminated || (transition.truncated && self.config.truncation_is_terminal);
-        self.replay.push(Transition { terminated, ..transition });
+        let Buffers { observation, next_observation, .. } = &mut self.buffers;
+        scale(transition.observation, &self.observation_scale, observation);
+        scale(transition.next_observation, &self.observation_scale, next_observation);
+        let reward = transition.reward * self.config.reward_scale as f32;
+        self.replay.push(Transition { observation, next_observation, reward, terminated, ..transition });
     }
 
     /// Whether the agent learns after environment step `env_steps`.
@@ -122,16 +146,20 @@ impl Dqn {
 
     /// One learning step; returns its mean loss.
     pub fn learn(&mut self) -> Result<f32, NotFinite> {
+        let DqnConfig { n_step, gamma, .. } = self.config;
         let (mut sum, mut count) = (0.0, 0.0);
         for _ in 0..self.config.learn.updates {
             let mut ages = std::mem::take(&mut self.buffers.ages);
             self.replay.sample(&mut self.replay_rng, &mut ages);
             for ages in ages.chunks_exact(self.buffers.targets.len()) {
-                self.replay.gather(ages, &mut self.buffers.minibatch);
+                self.replay.gather(ages, n_step, gamma as f32, &mut self.buffers.minibatch);
                 sum += self.update()?;
                 count += 1.0;
             }
             self.buffers.ages = ages;
+        }
+        if let TargetUpdate::Soft { tau } = self.config.target {
+            self.target.move_towards(&self.online, tau as f32);
         }
         Ok(sum / count)
     }
@@ -142,18 +170,28 @@ impl Dqn {
         if self.config.target == TargetUpdate::None {
             self.target.copy_from(&self.online);
         }
-        let gamma = self.config.gamma as f32;
+        let Minibatch { observations, actions, rewards, discounts, next_observations, terminated, .. } =
+            minibatch;
 
-        target.set_input(&minibatch.next_observations);
+        target.set_input(next_observations);
         self.target.forward(target);
-        td::targets(gamma, &minibatch.rewards, &minibatch.terminated, target.output(), targets);
+        if self.config.double {
+            online.set_input(next_observations);
+            self.online.forward(online);
+            td::double_targets(discounts, rewards, terminated, online.output(), target.output(), targets);
+        } else {
+            td::targets(discounts, rewards, terminated, target.output(), targets);
+        }
 
-        online.set_input(&minibatch.observations);
+        online.set_input(observations);
         self.online.forward(online);
         let (q, q_gradient) = online.output_and_gradient_mut();
-        let loss = td::loss(self.config.loss, q, &minibatch.actions, targets, q_gradient);
+        let loss = td::loss(self.config.loss, q, actions, targets, q_gradient);
 
         self.online.backward(online, gradient);
+        if let Some(max_norm) = self.config.optimizer.max_gradient_norm {
+            clip_norm(gradient.parameters_mut(), max_norm);
+        }
         let finite = self.adam.step(self.online.parameters_mut(), gradient.parameters());
 
         match (loss.is_finite(), finite) {
@@ -165,8 +203,9 @@ impl Dqn {
 }
 
 impl Dqn {
-    /// Follows the schedules of ε and of the target network after environment step `env_steps`.
+    /// Follows the schedules of ε, of the learning rate and of the target network after environment step `env_steps`.
     pub fn after_step(&mut self, env_steps: u64) {
+        self.adam.learning_rate = self.config.optimizer.learning_rate_after(env_steps);
         self.epsilon = self.config.exploration.after_step(self.epsilon, env_steps);
         if let TargetUpdate::EverySteps(period) = self.config.target
             && env_steps.is_multiple_of(period)
@@ -192,7 +231,7 @@ impl Policy for Dqn {
         if self.explore_rng.unit() <= self.epsilon {
             return self.explore_rng.below(self.buffers.acting.output().ncols() as u64) as usize;
         }
-        self.buffers.acting.input_mut().copy_from_slice(observation);
+        scale(observation, &self.observation_scale, self.buffers.acting.input_mut().as_mut_slice());
         self.online.forward(&mut self.buffers.acting);
         argmax(self.buffers.acting.output(), 0)
     }
@@ -202,49 +241,25 @@ impl Policy for Dqn {
     }
 }
 
-/// How the target network follows the online network.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "WrittenTarget", into = "WrittenTarget")]
-pub enum TargetUpdate {
-    /// `{"kind": "hard", "every_episodes": N}`: copied after every N-th episode, the very first one included.
-    EveryEpisodes(u64),
-    /// `{"kind": "hard", "every_steps": N}`: copied after every N-th environment step.
-    EverySteps(u64),
-    /// `{"kind": "none"}`: no target network, the online network bootstraps itself.
-    None,
-}
-
-/// [`TargetUpdate`] as it is written.
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-enum WrittenTarget {
-    Hard(Period),
-    None,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Period {
-    EveryEpisodes(u64),
-    EverySteps(u64),
-}
-
-impl From<WrittenTarget> for TargetUpdate {
-    fn from(target: WrittenTarget) -> Self {
-        match target {
-            WrittenTarget::Hard(Period::EveryEpisodes(period)) => Self::EveryEpisodes(period),
-            WrittenTarget::Hard(Period::EverySteps(period)) => Self::EverySteps(period),
-            WrittenTarget::None => Self::None,
+impl Dqn {
+    /// The network to be evaluated and saved, for observations as the environment gives them: their scale is folded
+    /// into the first layer, W x / scale = (W / scale) x.
+    pub fn policy(&self) -> Mlp<f32> {
+        let mut policy = match self.config.policy_weights {
+            PolicyWeights::Online => self.online.clone(),
+            PolicyWeights::Target => self.target.clone(),
+        };
+        let outputs = policy.sizes()[1];
+        for (weights, scale) in policy.layer_mut(0).chunks_exact_mut(outputs).zip(&self.observation_scale) {
+            weights.iter_mut().for_each(|weight| *weight /= scale);
         }
+        policy
     }
 }
 
-impl From<TargetUpdate> for WrittenTarget {
-    fn from(target: TargetUpdate) -> Self {
-        match target {
-            TargetUpdate::EveryEpisodes(period) => Self::Hard(Period::EveryEpisodes(period)),
-            TargetUpdate::EverySteps(period) => Self::Hard(Period::EverySteps(period)),
-            TargetUpdate::None => Self::None,
-        }
+fn scale(observation: &[f32], scale: &[f32], scaled: &mut [f32]) {
+    debug_assert_eq!(observation.len(), scale.len());
+    for ((scaled, value), scale) in scaled.iter_mut().zip(observation).zip(scale) {
+        *scaled = value / scale;
     }
 }

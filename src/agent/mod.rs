@@ -4,16 +4,18 @@ mod dqn;
 mod exploration;
 mod random;
 mod replay;
+mod target;
 pub mod td;
 
 use nalgebra::DMatrix;
 
 use crate::nn::{Activations, Mlp};
 
-pub use dqn::{Dqn, DqnConfig, LearnConfig, NotFinite, TargetUpdate};
+pub use dqn::{Dqn, DqnConfig, LearnConfig, NotFinite};
 pub use exploration::Exploration;
 pub use random::Random;
 pub use replay::{Minibatch, Replay, ReplayConfig, ReplayContents, Transition, UpdateMode};
+pub use target::{PolicyWeights, TargetUpdate};
 
 /// Chooses actions.
 pub trait Policy {

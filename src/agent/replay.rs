@@ -51,19 +51,24 @@ pub struct Transition<'a> {
     pub truncated: bool,
 }
 
-/// A batch of transitions, gathered for an update. Observations are (batch, features), the rest (batch).
+/// A batch of windows of k ≥ 1 transitions, gathered for an update; with one-step learning every window is one
+/// transition. Observations are (batch, features), the rest (batch).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Minibatch {
-    /// s
+    /// s, before the first transition
     pub observations: DMatrix<f32>,
-    /// a
+    /// a, of the first transition
     pub actions: Vec<u8>,
-    /// r
+    /// R = r₀ + γ r₁ + … + γᵏ⁻¹ rₖ₋₁
     pub rewards: Vec<f32>,
-    /// s′
+    /// γᵏ
+    pub discounts: Vec<f32>,
+    /// s′, after the last transition
     pub next_observations: DMatrix<f32>,
     /// Whether the value of s′ is 0.
     pub terminated: Vec<bool>,
+    /// First and last slot of each sample's window in the memory.
+    windows: Vec<(usize, usize)>,
 }
 
 impl Minibatch {
@@ -73,8 +78,10 @@ impl Minibatch {
             observations: DMatrix::zeros(batch_size, observation_size),
             actions: vec![0; batch_size],
             rewards: vec![0.0; batch_size],
+            discounts: vec![0.0; batch_size],
             next_observations: DMatrix::zeros(batch_size, observation_size),
             terminated: vec![false; batch_size],
+            windows: vec![(0, 0); batch_size],
         }
     }
 }
@@ -213,18 +220,47 @@ impl Replay {
         }
     }
 
-    /// Copies the transitions of these ages into a minibatch of as many.
-    pub fn gather(&self, ages: &[usize], minibatch: &mut Minibatch) {
+    /// Copies the windows that start with the transitions of these ages into a minibatch of as many.
+    ///
+    /// A window is `n_step` transitions (Sutton 1988; Mnih et al. 2016), or fewer where the episode or the memory
+    /// ends: then it bootstraps from where it ends. Powers and sums are rounded after every multiplication and
+    /// addition, from the first transition to the last.
+    pub fn gather(&self, ages: &[usize], n_step: usize, gamma: f32, minibatch: &mut Minibatch) {
         let batch = ages.len();
-        let observations = minibatch.observations.as_mut_slice();
-        let next_observations = minibatch.next_observations.as_mut_slice();
         for (sample, &age) in ages.iter().enumerate() {
-            let slot = self.slot(age);
-            minibatch.actions[sample] = self.actions[slot];
-            minibatch.rewards[sample] = self.rewards[slot];
-            minibatch.terminated[sample] = self.ends[slot] == End::Terminated;
-            set_row(observations, batch, sample, self.observation(slot));
-            set_row(next_observations, batch, sample, self.next_observation(slot));
+            let first = self.slot(age);
+            let (mut last, mut reward, mut discount) = (first, self.rewards[first], gamma);
+            for _ in 1..n_step.min(self.len - age) {
+                if self.ends[last] != End::Continues {
+                    break;
+                }
+                last = self.following(last);
+                reward += discount * self.rewards[last];
+                discount *= gamma;
+            }
+            minibatch.actions[sample] = self.actions[first];
+            minibatch.rewards[sample] = reward;
+            minibatch.discounts[sample] = discount;
+            minibatch.terminated[sample] = self.ends[last] == End::Terminated;
+            minibatch.windows[sample] = (first, last);
+        }
+        let Minibatch { observations, next_observations, windows, .. } = minibatch;
+        let size = self.observation_size;
+        let columns = observations.as_mut_slice().chunks_exact_mut(batch);
+        for (feature, (column, next_column)) in
+            columns.zip(next_observations.as_mut_slice().chunks_exact_mut(batch)).enumerate()
+        {
+            for ((value, next_value), &(first, last)) in column.iter_mut().zip(next_column).zip(&*windows) {
+                *value = self.observations[first * size + feature];
+                *next_value = self.observations[self.following(last) * size + feature];
+            }
+        }
+        for (sample, &(_, last)) in windows.iter().enumerate() {
+            if self.ends[last] != End::Continues {
+                for (feature, &value) in self.next_observation(last).iter().enumerate() {
+                    next_observations[(sample, feature)] = value;
+                }
+            }
         }
     }
 
@@ -304,20 +340,5 @@ impl Replay {
         let finals = &self.final_slots[self.forgotten_finals..];
         let index = self.forgotten_finals + finals.partition_point(|&slot| self.age(slot) < age);
         &self.final_observations[index * self.observation_size..][..self.observation_size]
-    }
-}
-
-/// Sets one sample's row of a (batch, features) matrix in column-major order; four features at a time, because that
-/// is what most observations are made of.
-fn set_row(matrix: &mut [f32], batch: usize, sample: usize, values: &[f32]) {
-    let (fours, rest) = values.as_chunks::<4>();
-    let mut columns = matrix.chunks_exact_mut(batch);
-    for four in fours {
-        for (value, column) in four.iter().zip(&mut columns) {
-            column[sample] = *value;
-        }
-    }
-    for (value, column) in rest.iter().zip(columns) {
-        column[sample] = *value;
     }
 }

@@ -6,9 +6,10 @@ use super::argmax;
 use crate::nn::{Float, Loss};
 
 /// Deep Q-learning's targets (Mnih et al. 2015, algorithm 1): y = r + γ max_a Q(s′, a), and y = r where s′ is
-/// terminal. `next_q` is (batch, actions), the rest (batch).
+/// terminal. With n steps (Sutton 1988) r is their discounted sum, s′ what follows them, and `discounts` is γᵏ for a
+/// sample of k steps. `next_q` is (batch, actions), the rest (batch).
 pub fn targets<T: Float>(
-    gamma: T,
+    discounts: &[T],
     rewards: &[T],
     terminated: &[bool],
     next_q: &DMatrix<T>,
@@ -21,13 +22,13 @@ pub fn targets<T: Float>(
             *largest = if value > *largest { value } else { *largest };
         }
     }
-    bootstrap(gamma, rewards, terminated, targets);
+    bootstrap(discounts, rewards, terminated, targets);
 }
 
 /// Double Q-learning's targets (van Hasselt, Guez and Silver 2016, eq. 4): the online network chooses the next
 /// action, the target network values it: y = r + γ Q_target(s′, argmax_a Q_online(s′, a)).
 pub fn double_targets<T: Float>(
-    gamma: T,
+    discounts: &[T],
     rewards: &[T],
     terminated: &[bool],
     next_q_online: &DMatrix<T>,
@@ -37,13 +38,14 @@ pub fn double_targets<T: Float>(
     for (sample, target) in targets.iter_mut().enumerate() {
         *target = next_q_target[(sample, argmax(next_q_online, sample))];
     }
-    bootstrap(gamma, rewards, terminated, targets);
+    bootstrap(discounts, rewards, terminated, targets);
 }
 
 /// From the next observations' values to targets, in place.
-fn bootstrap<T: Float>(gamma: T, rewards: &[T], terminated: &[bool], targets: &mut [T]) {
-    for ((target, &reward), &terminated) in targets.iter_mut().zip(rewards).zip(terminated) {
-        *target = if terminated { reward } else { gamma * *target + reward };
+fn bootstrap<T: Float>(discounts: &[T], rewards: &[T], terminated: &[bool], targets: &mut [T]) {
+    for (sample, target) in targets.iter_mut().enumerate() {
+        let (discount, reward) = (discounts[sample], rewards[sample]);
+        *target = if terminated[sample] { reward } else { discount * *target + reward };
     }
 }
 

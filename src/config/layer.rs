@@ -109,6 +109,32 @@ pub(super) fn choose(
     Ok(chosen.clone().into_iter().chain(values).collect())
 }
 
+/// Merges a group that may be null. A layer that sets one of its keys makes it an object, with `defaults` for what no
+/// layer sets; null clears what lower layers set.
+pub(super) fn choose_or_null(
+    group: &str,
+    defaults: &Map<String, Value>,
+    layers: &[Layer],
+) -> Result<Value, ConfigError> {
+    let mut chosen = None;
+    for Layer { origin, values } in layers {
+        let mut own = values.iter().filter_map(|(path, value)| {
+            Some((path.strip_prefix(group)?.strip_prefix('.')?.to_string(), value.clone()))
+        });
+        if values.contains_key(group) {
+            chosen = None;
+            if let Some((key, _)) = own.next() {
+                let hint = format!("`{group}` is null here");
+                return Err(key_error(origin, "misplaced key", &format!("{group}.{key}"), hint));
+            }
+        }
+        for (key, value) in own {
+            chosen.get_or_insert_with(|| defaults.clone()).insert(key, value);
+        }
+    }
+    Ok(json!(chosen))
+}
+
 /// The keys of an alternative, and its name: `{"kind": "hard", "every_steps"}`.
 fn shape(alternative: &Map<String, Value>) -> String {
     let member = |(key, value): (&String, &Value)| match value {

@@ -1,14 +1,11 @@
 //! Adam (Kingma and Ba 2015, algorithm 1) with PyTorch's placement of epsilon.
 
-use serde::{Deserialize, Serialize};
-
 use super::kernels::Float;
 
 /// Settings of [`Adam`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamConfig {
-    /// Step size α, above 0 and at most 1.
+    /// Step size α of the first step, above 0 and at most 1.
     pub learning_rate: f64,
     /// Decay of the first moment, 0 ≤ β₁ < 1.
     pub beta1: f64,
@@ -22,6 +19,8 @@ pub struct AdamConfig {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam<T> {
     config: AdamConfig,
+    /// Step size α of the next step.
+    pub learning_rate: f64,
     /// Steps done.
     pub steps: u64,
     /// m, the running mean of the gradient.
@@ -34,6 +33,7 @@ impl<T: Float> Adam<T> {
     /// An optimiser for `parameters` parameters, before its first step.
     pub fn new(config: AdamConfig, parameters: usize) -> Self {
         Self {
+            learning_rate: config.learning_rate,
             config,
             steps: 0,
             first_moment: vec![T::ZERO; parameters],
@@ -49,13 +49,13 @@ impl<T: Float> Adam<T> {
     /// ```
     pub fn step(&mut self, parameters: &mut [T], gradient: &[T]) -> bool {
         self.steps += 1;
-        let AdamConfig { learning_rate, beta1, beta2, epsilon } = self.config;
+        let AdamConfig { beta1, beta2, epsilon, .. } = self.config;
         let coefficients = AdamCoefficients {
             beta1: T::from_f64(beta1),
             one_minus_beta1: T::from_f64(1.0 - beta1),
             beta2: T::from_f64(beta2),
             one_minus_beta2: T::from_f64(1.0 - beta2),
-            step_size: T::from_f64(learning_rate / (1.0 - power(beta1, self.steps))),
+            step_size: T::from_f64(self.learning_rate / (1.0 - power(beta1, self.steps))),
             second_moment_scale: T::from_f64(1.0 / (1.0 - power(beta2, self.steps)).sqrt()),
             epsilon: T::from_f64(epsilon),
         };

@@ -97,6 +97,11 @@ impl<T: Float> Mlp<T> {
         self.parameters.copy_from_slice(&other.parameters);
     }
 
+    /// Moves the share `tau` of the way to `other`, which has the same sizes: θ⁻ ← θ⁻ + τ (θ − θ⁻).
+    pub fn move_towards(&mut self, other: &Self, tau: T) {
+        T::soft_update(tau, &other.parameters, &mut self.parameters);
+    }
+
     /// A layer's weight (in, out) and, behind it, its bias (out).
     pub fn layer(&self, layer: usize) -> &[T] {
         &self.parameters[self.range(layer)]

@@ -14,6 +14,7 @@ mod init;
 pub mod kernels;
 mod loss;
 mod mlp;
+mod optimizer;
 
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,7 @@ pub use init::Init;
 pub use kernels::Float;
 pub use loss::Loss;
 pub use mlp::{Activations, Mlp};
+pub use optimizer::{LearningRateSchedule, OptimizerConfig, clip_norm};
 
 /// The shape and the start of the Q-network.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -177,7 +177,7 @@ impl<E: Environment> Trainer<E> {
     /// Plays the greedy policy, and keeps it as the best if it is better than all before.
     fn evaluate(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
         let episodes = self.config.evaluation.episodes;
-        let score = Score::new(&evaluate(&self.agent.online, &self.environment, EVALUATION_SEED, episodes));
+        let score = Score::new(&evaluate(&self.agent.policy(), &self.environment, EVALUATION_SEED, episodes));
         let event = self.progress.count_evaluation(&score, E::SOLVED_RETURN);
         if let (Event::Evaluation { best: true, .. }, Some(folder)) = (&event, checkpoints) {
             self.write(&folder.join("best.safetensors"), self.policy_checkpoint())?;

@@ -146,7 +146,7 @@ impl<E: Environment> Trainer<E> {
     /// See [`Checkpoint::new`].
     pub fn policy_checkpoint(&self) -> io::Result<Checkpoint> {
         let mut checkpoint = Checkpoint::new(&self.header(None))?;
-        checkpoint.put_network("", &self.agent.online);
+        checkpoint.put_network("", &self.agent.policy());
         Ok(checkpoint)
     }
 
@@ -165,7 +165,7 @@ impl<E: Environment> Trainer<E> {
             replay_rng: replay_rng.clone(),
             epsilon: *epsilon,
         })))?;
-        checkpoint.put_network("", online);
+        checkpoint.put_network("", &self.agent.policy());
         checkpoint.put_network("online.", online);
         checkpoint.put_network("target.", target);
         checkpoint.put("adam.first_moment", &[adam.first_moment.len()], &adam.first_moment);
@@ -192,6 +192,7 @@ impl<E: Environment> Trainer<E> {
         header.config.validate().map_err(|error| Problem::BadHeader(error.to_string()))?;
         let mut trainer = Self::new(header.config, environment);
         let agent = &mut trainer.agent;
+        agent.adam.learning_rate = trainer.config.optimizer.learning_rate_after(state.progress.env_steps);
         checkpoint.get_network("online.", &mut agent.online)?;
         checkpoint.get_network("target.", &mut agent.target)?;
         let parameters = agent.online.parameters().len();

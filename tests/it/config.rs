@@ -38,14 +38,22 @@ fn the_default_is_the_documented_plain_dqn() {
         "seed": 0,
         "environment": "CartPole-v1",
         "network": {"hidden": [24, 24], "init": "torch"},
-        "optimizer": {"learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8},
+        "optimizer": {
+            "learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8,
+            "max_gradient_norm": null, "schedule": null,
+        },
         "loss": "mse",
         "gamma": 0.99,
+        "n_step": 1,
+        "double": false,
         "replay": {"capacity": 50_000, "batch_size": 32, "warmup_steps": 1000, "update": "minibatch"},
         "learn": {"every_steps": 1, "updates": 1},
         "exploration": {"schedule": "linear", "initial": 1.0, "final": 0.05, "steps": 10_000},
         "target": {"kind": "hard", "every_steps": 500},
         "truncation_is_terminal": false,
+        "observation_scale": null,
+        "reward_scale": 1.0,
+        "policy_weights": "online",
         "budget": {"steps": 50_000},
         "evaluation": {"every_steps": 1000, "episodes": 20},
         "checkpoint": {"every_steps": 10_000},
@@ -77,6 +85,17 @@ fn a_config_survives_its_file() {
             "replay.update=per_sample",
             "network.init=he_uniform",
         ],
+        &[
+            "n_step=5",
+            "double=true",
+            "target.kind=soft",
+            "target.tau=0.01",
+            "policy_weights=target",
+            "optimizer.max_gradient_norm=10",
+            "optimizer.schedule.final_learning_rate=1e-5",
+            "observation_scale=[2.4,2,0.2095,2]",
+            "reward_scale=0.01",
+        ],
     ];
     for sets in far_from_default {
         let config = merged("{}", sets);
@@ -99,7 +118,11 @@ fn every_shipped_config_is_valid() {
 
 #[test]
 fn every_key_of_a_resolved_config_can_be_set() {
-    let everything = ["{}", r#"{"exploration": {"schedule": "per_episode"}, "budget": {"episodes": 2}}"#];
+    let everything = [
+        "{}",
+        r#"{"exploration": {"schedule": "per_episode"}, "budget": {"episodes": 2}}"#,
+        r#"{"target": {"kind": "soft"}, "optimizer": {"schedule": {"steps": 7}}, "observation_scale": [1,2,3,4]}"#,
+    ];
     for file in everything {
         let config = merged(file, &[]);
         for (key, value) in serde_json::to_value(&config).unwrap().as_object().unwrap() {
@@ -179,6 +202,28 @@ fn a_changed_schedule_keeps_what_the_two_share() {
 }
 
 #[test]
+fn the_schedule_of_the_learning_rate_can_be_null() {
+    let schedule = |file, sets: &[&str]| {
+        let schedule = merged(file, sets).optimizer.schedule;
+        schedule.map(|schedule| (schedule.final_learning_rate, schedule.steps))
+    };
+    let file = r#"{"optimizer": {"schedule": {"final_learning_rate": 1e-4, "steps": 77}}}"#;
+    assert_eq!(schedule("{}", &[]), None);
+    assert_eq!(schedule(file, &[]), Some((1e-4, 77)));
+    assert_eq!(schedule(file, &["optimizer.schedule=null"]), None);
+    assert_eq!(schedule(file, &["optimizer.schedule.steps=5"]), Some((1e-4, 5)));
+    assert_eq!(schedule("{}", &["optimizer.schedule.steps=5"]), Some((0.0, 5)));
+    assert_eq!(schedule("{}", &["optimizer.schedule.final_learning_rate=0.5"]), Some((0.5, 50_000)));
+    assert_eq!(
+        schedule(r#"{"optimizer": {"schedule": null}}"#, &["optimizer.schedule.steps=5"]),
+        Some((0.0, 5))
+    );
+    let both = ["optimizer.schedule=null", "optimizer.schedule.steps=5"];
+    refused("{}", &both, &["--set", "`optimizer.schedule.steps`", "null here"]);
+    refused("{}", &["optimizer.schedule.step=5"], &["did you mean `optimizer.schedule.steps`?"]);
+}
+
+#[test]
 fn a_key_of_another_alternative_is_refused() {
     refused(
         r#"{"budget": {"steps": 2000, "episodes": 2}}"#,
@@ -196,6 +241,7 @@ fn a_key_of_another_alternative_is_refused() {
         &["run.json", "`exploration.steps`", r#"{"schedule": "per_episode", "initial", "final", "decay"}"#],
     );
     refused("{}", &["exploration.decay=0.5"], &["--set", "`exploration.decay`", "linear"]);
+    refused("{}", &["target.tau=0.5"], &["--set", "`target.tau`", r#"{"kind": "soft", "tau"}"#]);
     refused(r#"{"target": {"kind": "none", "every_steps": 5}}"#, &[], &["`target.every_steps`", "none"]);
     refused(r#"{"target": {"kind": "none"}}"#, &["target.every_steps=5"], &["--set", "`target.every_steps`"]);
     refused(
@@ -290,6 +336,21 @@ fn a_value_of_a_wrong_type_or_out_of_range_is_refused() {
         ("target.kind=polyak", "\"hard\" or \"none\""),
         ("target.every_steps=0", "from 1"),
         ("target.every_episodes=0", "from 1"),
+        ("target.tau=0", "above 0 and at most 1"),
+        ("target.tau=1.5", "above 0 and at most 1"),
+        ("n_step=0", "an integer from 1 to 100"),
+        ("n_step=101", "an integer from 1 to 100"),
+        ("double=1", "true or false"),
+        ("optimizer.max_gradient_norm=0", "null or a number from 1e-30 to 1e30"),
+        ("optimizer.schedule=linear", "null or an object with `final_learning_rate`, `steps`"),
+        ("optimizer.schedule.steps=0", "from 1"),
+        ("optimizer.schedule.final_learning_rate=-0.1", "from 0 to 1"),
+        ("observation_scale=2", "null or a list with a number from 1e-30 to 1e30 for each of the 4"),
+        ("observation_scale=[1,1,1,0]", "null or a list with a number from 1e-30 to 1e30"),
+        ("observation_scale=[1.5,1.5,1.5]", "for each of the 4 observation coordinates"),
+        ("reward_scale=0", "a number from 1e-30"),
+        ("reward_scale=null", "a number from 1e-30"),
+        ("policy_weights=mean", "\"online\" or \"target\""),
         ("truncation_is_terminal=1", "true or false"),
         ("budget=5", "an object with `steps`, `episodes`"),
         ("budget.steps=0", "from 1"),
@@ -312,7 +373,17 @@ fn a_value_of_a_wrong_type_or_out_of_range_is_refused() {
 
 #[test]
 fn values_that_do_not_go_together_are_refused() {
-    let table: [(&str, &[&str], &[&str]); 7] = [
+    let table: [(&str, &[&str], &[&str]); 9] = [
+        (
+            "{}",
+            &["policy_weights=target"],
+            &["`policy_weights` is \"target\"", "only if `target.kind` is \"soft\""],
+        ),
+        (
+            r#"{"target": {"kind": "soft"}, "policy_weights": "target"}"#,
+            &["target.kind=none"],
+            &["run.json with --set: ", "`policy_weights`", r#"`target` is {"kind":"none"}"#],
+        ),
         (
             "{}",
             &["replay.capacity=16"],

@@ -64,7 +64,7 @@ fn follow<T: Float + Into<f64>>(tolerance: f64) {
             let rewards: Vec<T> = numbers(&step["rewards"]).into_iter().map(T::from_f64).collect();
             let terminated: Vec<bool> = serde_json::from_value(step["terminated"].clone()).unwrap();
             let actions: Vec<u8> = serde_json::from_value(step["actions"].clone()).unwrap();
-            let gamma = T::from_f64(number("gamma"));
+            let discounts = vec![T::from_f64(number("gamma")); batch];
             let mut targets = vec![T::ZERO; batch];
 
             target_activations.input_mut().copy_from(&matrix(batch, &step["next_states"]));
@@ -74,9 +74,9 @@ fn follow<T: Float + Into<f64>>(tolerance: f64) {
                 online_activations.input_mut().copy_from(&matrix(batch, &step["next_states"]));
                 online.forward(&mut online_activations);
                 let next_q_online = online_activations.output();
-                td::double_targets(gamma, &rewards, &terminated, next_q_online, next_q, &mut targets);
+                td::double_targets(&discounts, &rewards, &terminated, next_q_online, next_q, &mut targets);
             } else {
-                td::targets(gamma, &rewards, &terminated, next_q, &mut targets);
+                td::targets(&discounts, &rewards, &terminated, next_q, &mut targets);
             }
             let expected: Vec<T> = numbers(&step["targets"]).into_iter().map(T::from_f64).collect();
             assert_close(&targets, &expected, tolerance, &format!("{name}: targets"));

@@ -96,6 +96,24 @@ fn nan_and_infinity_go_where_the_reference_lets_them() {
 }
 
 #[test]
+fn soft_updates_have_the_references_bits() {
+    let mut rng = Rng::from_seed(12);
+    for len in (1..=40).chain([770, 1001]) {
+        let [online, target] =
+            std::array::from_fn(|_| (0..len).map(|_| number(&mut rng)).collect::<Vec<_>>());
+        for tau in [0.005, 0.3, 1.0] {
+            let mut expected = target.clone();
+            reference::soft_update(tau, &online, &mut expected);
+            for path in Path::available() {
+                let mut ours = target.clone();
+                fast::soft_update(path, tau, &online, &mut ours);
+                assert_same_bits(&ours, &expected, &format!("soft update, {path:?}, {len} parameters"));
+            }
+        }
+    }
+}
+
+#[test]
 fn adam_has_the_references_bits() {
     let mut rng = Rng::from_seed(11);
     let coefficients = AdamCoefficients {

@@ -18,7 +18,8 @@ struct Whole {
 fn contents(replay: &Replay) -> Vec<Whole> {
     let ages: Vec<usize> = (0..replay.len()).collect();
     let mut minibatch = Minibatch::new(ages.len(), 2);
-    replay.gather(&ages, &mut minibatch);
+    replay.gather(&ages, 1, 0.5, &mut minibatch);
+    assert!(minibatch.discounts.iter().all(|&discount| discount == 0.5));
     let row = |matrix: &nalgebra::DMatrix<f32>, age| [matrix[(age, 0)], matrix[(age, 1)]];
     ages.iter()
         .map(|&age| Whole {
@@ -72,6 +73,79 @@ fn holds_what_a_queue_of_whole_transitions_holds() {
             }
         }
     }
+}
+
+/// A step of an episode as a naive n-step learner keeps it.
+struct Remembered {
+    observation: [f32; 2],
+    reward: f32,
+    next_observation: [f32; 2],
+    terminated: bool,
+    ended: bool,
+}
+
+/// Walks on from transition `first` of all that there ever was, as long as the episode goes on.
+fn naive_window(steps: &[Remembered], first: usize, n_step: usize, gamma: f32) -> (f32, f32, &Remembered) {
+    let (mut reward, mut discount) = (0.0, 1.0);
+    for step in &steps[first..] {
+        reward += discount * step.reward;
+        discount *= gamma;
+        let length = steps[first..].iter().position(|other| std::ptr::eq(other, step)).unwrap() + 1;
+        if step.ended || length == n_step {
+            return (reward, discount, step);
+        }
+    }
+    (reward, discount, &steps[steps.len() - 1])
+}
+
+/// Episodes that terminate and are truncated, a ring that wraps around, and windows at its write position.
+#[test]
+fn windows_of_n_steps_are_those_of_whole_episodes() {
+    let gamma = 0.9;
+    let mut windows_cut_short = 0;
+    for capacity in [1, 2, 5, 13, 64] {
+        for (terminates, truncates) in [(4, 9), (1, 3), (1000, 5), (7, 1000), (1000, 1000)] {
+            let mut rng = Rng::from_seed(capacity as u64 + 100 * terminates);
+            let mut replay = Replay::new(capacity, 2);
+            let mut steps: Vec<Remembered> = Vec::new();
+            let mut observation = [0.0, 0.5];
+            for step in 0..150 {
+                let next_observation = [step as f32 + 1.0, -(step as f32)];
+                let (terminated, truncated) = (rng.below(terminates) == 0, rng.below(truncates) == 0);
+                let reward = rng.uniform(-1.0, 1.0) as f32;
+                replay.push(Transition {
+                    observation: &observation,
+                    action: 1,
+                    reward,
+                    next_observation: &next_observation,
+                    terminated,
+                    truncated,
+                });
+                let ended = terminated || truncated;
+                steps.push(Remembered { observation, reward, next_observation, terminated, ended });
+                observation = if ended { [step as f32 + 1000.0, 0.25] } else { next_observation };
+
+                let ages: Vec<usize> = (0..replay.len()).collect();
+                let oldest = steps.len() - ages.len();
+                for n_step in [1, 2, 3, 7, 100] {
+                    let mut minibatch = Minibatch::new(ages.len(), 2);
+                    replay.gather(&ages, n_step, gamma, &mut minibatch);
+                    for &age in &ages {
+                        let (reward, discount, last) = naive_window(&steps, oldest + age, n_step, gamma);
+                        let row = |matrix: &nalgebra::DMatrix<f32>| [matrix[(age, 0)], matrix[(age, 1)]];
+                        let what = format!("capacity {capacity}, step {step}, age {age}, n {n_step}");
+                        assert_eq!(row(&minibatch.observations), steps[oldest + age].observation, "{what}");
+                        assert_eq!(row(&minibatch.next_observations), last.next_observation, "{what}");
+                        assert_eq!(minibatch.terminated[age], last.terminated, "{what}");
+                        assert_eq!(minibatch.rewards[age].to_bits(), reward.to_bits(), "{what}");
+                        assert_eq!(minibatch.discounts[age].to_bits(), discount.to_bits(), "{what}");
+                        windows_cut_short += usize::from(n_step == 7 && discount != gamma.powi(7));
+                    }
+                }
+            }
+        }
+    }
+    assert!(windows_cut_short > 1000);
 }
 
 #[test]

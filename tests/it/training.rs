@@ -79,8 +79,18 @@ fn every_kind_of_target_and_update_learns_it_too() {
         &["replay.update=per_sample", "replay.batch_size=8", "loss=huber"],
         &["exploration={\"schedule\":\"per_episode\",\"decay\":0.95}"],
         &["learn.every_steps=4", "learn.updates=4"],
+        &["double=true"],
+        &["n_step=3"],
+        &["target={\"kind\":\"soft\",\"tau\":0.05}"],
+        &["target={\"kind\":\"soft\",\"tau\":0.05}", "policy_weights=target"],
+        &["optimizer.max_gradient_norm=1"],
+        &["optimizer.schedule.steps=1500"],
+        &["reward_scale=0.1"],
     ] {
-        let mut trainer = Trainer::new(config(&[&SMALL, extra].concat()), TwoStates::default());
+        let mut config = config(&[&SMALL, extra].concat());
+        // The observations of this environment have another size than the config's.
+        config.observation_scale = Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
+        let mut trainer = Trainer::new(config, TwoStates::default());
         trainer.run(&mut Vec::<Event>::new(), None).unwrap();
         assert_eq!(trainer.progress().best_evaluation.unwrap().mean, 10.0, "{extra:?}");
     }
@@ -141,6 +151,126 @@ fn the_tutorials_schedules_are_followed() {
     }
 }
 
+/// An agent that has seen 40 steps of CartPole.
+fn experienced(sets: &[&str]) -> Dqn {
+    let small = ["network.hidden=[6]", "replay.batch_size=8", "replay.warmup_steps=8"];
+    let mut agent = Dqn::new(config(&[&small, sets].concat()).dqn(), 4, 2, 3);
+    let mut environment = CartPole::v1();
+    let mut rng = Rng::from_seed(4);
+    let mut observation = environment.reset(&mut rng);
+    for _ in 0..40 {
+        let action = rng.below(2) as usize;
+        let step = environment.step(action);
+        agent.observe(Transition {
+            observation: &observation,
+            action,
+            reward: step.reward,
+            next_observation: &step.observation,
+            terminated: step.terminated,
+            truncated: step.truncated,
+        });
+        observation = if step.ended() { environment.reset(&mut rng) } else { step.observation };
+    }
+    agent
+}
+
+#[test]
+fn a_soft_target_follows_after_every_learning_step() {
+    let mut agent = experienced(&["target={\"kind\":\"soft\",\"tau\":0.25}", "learn.updates=3"]);
+    for _ in 0..3 {
+        let before = agent.target.clone();
+        agent.learn().unwrap();
+        for ((&target, &before), &online) in
+            agent.target.parameters().iter().zip(before.parameters()).zip(agent.online.parameters())
+        {
+            assert_eq!(target, 0.25_f32.mul_add(online - before, before));
+        }
+    }
+    assert_ne!(agent.target, agent.online);
+}
+
+#[test]
+fn double_targets_differ_only_where_the_networks_disagree() {
+    let (mut plain, mut double) = (experienced(&[]), experienced(&["double=true"]));
+    assert_eq!(plain.learn(), double.learn(), "both networks are the same at the start");
+    assert_eq!(plain.online, double.online);
+    for agent in [&mut plain, &mut double] {
+        agent.target.parameters_mut().iter_mut().for_each(|parameter| *parameter = -*parameter);
+    }
+    assert!(double.learn().unwrap() != plain.learn().unwrap());
+}
+
+#[test]
+fn a_schedule_sets_the_learning_rate_by_environment_steps() {
+    let mut agent = experienced(&["optimizer.schedule.steps=100", "optimizer.learning_rate=0.5"]);
+    assert_eq!(agent.adam.learning_rate, 0.5);
+    for (env_steps, expected) in [(25, 0.375), (50, 0.25), (100, 0.0), (1000, 0.0)] {
+        agent.after_step(env_steps);
+        assert_eq!(agent.adam.learning_rate, expected);
+    }
+    let before = agent.online.clone();
+    agent.learn().unwrap();
+    assert_eq!(agent.online, before, "a learning rate of 0 changes nothing");
+}
+
+/// The first moment after one step of Adam is a tenth of the gradient.
+#[test]
+fn a_gradient_is_clipped_before_adam_sees_it() {
+    let norm = |sets: &[&str]| {
+        let mut agent = experienced(sets);
+        agent.learn().unwrap();
+        agent.adam.first_moment.iter().map(|&m| f64::from(m).powi(2)).sum::<f64>().sqrt() / 0.1
+    };
+    let free = norm(&[]);
+    assert!(free > 0.2);
+    assert!((norm(&["optimizer.max_gradient_norm=0.125"]) - 0.125).abs() < 1e-5);
+    assert_eq!(norm(&["optimizer.max_gradient_norm=1e9"]), free);
+}
+
+#[test]
+fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
+    let scale = [2.0, 4.0, 0.25, 0.5];
+    let plain = experienced(&[]);
+    let mut scaled = experienced(&["observation_scale=[2,4,0.25,0.5]", "reward_scale=0.25"]);
+    let (plain, stored) = (plain.replay.contents(), scaled.replay.contents());
+    for (stored, raw) in stored.observations.chunks_exact(4).zip(plain.observations.chunks_exact(4)) {
+        for coordinate in 0..4 {
+            assert_eq!(stored[coordinate], raw[coordinate] / scale[coordinate]);
+        }
+    }
+    assert!(stored.rewards.iter().all(|&reward| reward == 0.25));
+
+    // Powers of two: both ways round alike.
+    let mut policy = cartpole_dqn::agent::Greedy::new(scaled.policy(), 1);
+    scaled.epsilon = -1.0;
+    for observation in plain.observations.chunks_exact(4) {
+        assert_eq!(scaled.act(observation), policy.act(observation));
+        assert_eq!(scaled.q_values(), policy.q_values());
+    }
+    assert_ne!(scaled.policy(), scaled.online);
+}
+
+#[test]
+fn the_policy_is_made_of_the_chosen_weights() {
+    let soft = "target={\"kind\":\"soft\"}";
+    for (weights, of_target) in [("policy_weights=online", false), ("policy_weights=target", true)] {
+        let mut agent = experienced(&[soft, weights]);
+        agent.learn().unwrap();
+        let expected = if of_target { &agent.target } else { &agent.online };
+        assert_eq!(agent.policy(), *expected);
+    }
+    let sets =
+        [soft, "policy_weights=target", "budget.steps=300", "replay.warmup_steps=100", "network.hidden=[8]"];
+    let mut trainer = Trainer::new(config(&sets), CartPole::v1());
+    trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+    let checkpoint = trainer.checkpoint().unwrap();
+    assert_eq!(checkpoint.policy(4, 2).unwrap(), trainer.agent().target);
+    assert_eq!(trainer.policy_checkpoint().unwrap().policy(4, 2).unwrap(), trainer.agent().target);
+    let mut online = trainer.agent().target.clone();
+    checkpoint.get_network("online.", &mut online).unwrap();
+    assert_eq!(online, trainer.agent().online);
+}
+
 #[test]
 fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
     for (truncation_is_terminal, expected) in [(false, false), (true, true)] {
@@ -156,7 +286,7 @@ fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
             truncated: true,
         });
         let mut minibatch = cartpole_dqn::agent::Minibatch::new(1, 1);
-        agent.replay.gather(&[0], &mut minibatch);
+        agent.replay.gather(&[0], 1, 0.9, &mut minibatch);
         assert_eq!(minibatch.terminated, [expected]);
         assert_eq!(minibatch.next_observations[(0, 0)], 1.0);
     }
@@ -212,6 +342,9 @@ fn a_run_resumed_in_mid_episode_goes_on_with_the_same_bits() {
             "exploration={\"schedule\":\"per_episode\"}",
             "budget={\"episodes\":40}",
         ],
+        &["double=true", "n_step=4", "replay.capacity=300", "optimizer.schedule.steps=700"],
+        &["target={\"kind\":\"soft\",\"tau\":0.01}", "policy_weights=target", "learn.every_steps=3"],
+        &["optimizer.max_gradient_norm=0.5", "observation_scale=[2.4,2,0.2095,2]", "reward_scale=0.01"],
     ] {
         let sets = ["network.hidden=[12, 8]", "replay.warmup_steps=100", "budget.steps=900"];
         let config =

@@ -275,6 +275,27 @@ kernel! {
 }
 
 kernel! {
+    /// See [`super::Float::soft_update`].
+    pub fn soft_update<V>(tau: f32, online: &[f32], target: &mut [f32]) {
+        let len = target.len();
+        assert!(online.len() == len);
+        let (online, target) = (online.as_ptr(), target.as_mut_ptr());
+        // SAFETY: every access is below `len`.
+        unsafe {
+            let (tau, minus_one) = (V::splat(tau), V::splat(-1.0));
+            let mut index = 0;
+            while index < len {
+                let lanes = V::LANES.min(len - index);
+                let t: V = load(target.add(index), lanes);
+                let difference = t.mul_add(minus_one, load(online.add(index), lanes));
+                store(tau.mul_add(difference, t), target.add(index), lanes);
+                index += lanes;
+            }
+        }
+    }
+}
+
+kernel! {
     /// `rounds` times x ← x · `factor` + `summand` on as many independent vectors as keep the units busy; returns the
     /// multiply-adds done and a sum of the vectors. The benchmarks' measure of the machine's peak.
     pub fn peak<V>(rounds: u64, factor: f32, summand: f32) -> (u64, f32) {

@@ -84,6 +84,11 @@ pub trait Float:
     ) -> bool {
         reference::adam(coefficients, parameters, gradient, first_moment, second_moment)
     }
+
+    /// θ⁻ ← τ (θ − θ⁻) + θ⁻ with one fused multiply-add, for every parameter; `target` is θ⁻, `online` θ.
+    fn soft_update(tau: Self, online: &[Self], target: &mut [Self]) {
+        reference::soft_update(tau, online, target);
+    }
 }
 
 macro_rules! float {
@@ -140,5 +145,8 @@ float!(f32 {
         second_moment: &mut [f32],
     ) -> bool {
         fast::adam(Path::current(), coefficients, parameters, gradient, first_moment, second_moment)
+    }
+    fn soft_update(tau: f32, online: &[f32], target: &mut [f32]) {
+        fast::soft_update(Path::current(), tau, online, target);
     }
 });

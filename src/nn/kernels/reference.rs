@@ -74,3 +74,10 @@ pub fn adam<T: Float>(
     }
     all_finite
 }
+
+/// See [`Float::soft_update`].
+pub fn soft_update<T: Float>(tau: T, online: &[T], target: &mut [T]) {
+    for (target, &online) in target.iter_mut().zip(online) {
+        *target = tau.mul_add(online - *target, *target);
+    }
+}

@@ -1,0 +1,111 @@
+//! What surrounds Adam: its settings, the schedule of its step size, and the limit of the gradient's norm.
+
+use serde::{Deserialize, Serialize};
+
+use super::AdamConfig;
+
+/// Settings of the optimiser.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OptimizerConfig {
+    /// Adam's step size α, above 0 and at most 1; with a schedule that of the first step.
+    pub learning_rate: f64,
+    /// Decay of the first moment, 0 ≤ β₁ < 1.
+    pub beta1: f64,
+    /// Decay of the second moment, 0 ≤ β₂ < 1.
+    pub beta2: f64,
+    /// Added to the root of the bias-corrected second moment, 1e-30…1.
+    pub epsilon: f64,
+    /// Norm to which a longer gradient is shortened, see [`clip_norm`], 1e-30…1e30; null for none.
+    pub max_gradient_norm: Option<f64>,
+    /// How the step size changes; null for not at all.
+    pub schedule: Option<LearningRateSchedule>,
+}
+
+/// From `learning_rate` in a straight line to `final_learning_rate` over `steps` environment steps from the start of
+/// the run, then constant.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearningRateSchedule {
+    /// Step size after step `steps`, 0…1.
+    pub final_learning_rate: f64,
+    /// Environment steps from the first to the last, at least 1.
+    pub steps: u64,
+}
+
+impl OptimizerConfig {
+    /// Adam's part.
+    pub fn adam(&self) -> AdamConfig {
+        let Self { learning_rate, beta1, beta2, epsilon, .. } = *self;
+        AdamConfig { learning_rate, beta1, beta2, epsilon }
+    }
+
+    /// Step size after `env_steps` environment steps of the run.
+    pub fn learning_rate_after(&self, env_steps: u64) -> f64 {
+        match self.schedule {
+            None => self.learning_rate,
+            Some(schedule) if env_steps >= schedule.steps => schedule.final_learning_rate,
+            Some(LearningRateSchedule { final_learning_rate, steps }) => {
+                let share = env_steps as f64 / steps as f64;
+                self.learning_rate + (final_learning_rate - self.learning_rate) * share
+            }
+        }
+    }
+}
+
+/// Limits the norm of the gradient (Pascanu, Mikolov and Bengio 2013, algorithm 1) as PyTorch's `clip_grad_norm_`
+/// does; its squares are summed in f64 in the order of memory:
+///
+/// ```text
+/// g ← g · min(1, max_norm / (‖g‖ + 1e-6))
+/// ```
+pub fn clip_norm(gradient: &mut [f32], max_norm: f64) {
+    let norm = gradient.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt();
+    let factor = max_norm / (norm + 1e-6);
+    if factor < 1.0 {
+        gradient.iter_mut().for_each(|g| *g *= factor as f32);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_gradient_is_shortened_and_a_short_one_left_alone() {
+        let mut gradient = [3.0, -4.0, 0.0];
+        clip_norm(&mut gradient, 5.1);
+        assert_eq!(gradient, [3.0, -4.0, 0.0]);
+        // torch.nn.utils.clip_grad_norm_ gives 0.5999998807907104 and -0.7999998331069946
+        clip_norm(&mut gradient, 1.0);
+        assert_eq!(gradient, [0.599_999_9, -0.799_999_83, 0.0]);
+        clip_norm(&mut gradient, 1e-30);
+        assert!(gradient[0] > 0.0 && gradient[0] < 1e-30);
+    }
+
+    #[test]
+    fn what_is_not_finite_does_not_become_finite() {
+        for bad in [f32::NAN, f32::INFINITY] {
+            let mut gradient = [1.0, bad];
+            clip_norm(&mut gradient, 1.0);
+            assert!(!gradient[1].is_finite());
+        }
+    }
+
+    #[test]
+    fn the_learning_rate_falls_in_a_straight_line_and_stays() {
+        let schedule = Some(LearningRateSchedule { final_learning_rate: 0.25, steps: 4 });
+        let mut config = OptimizerConfig {
+            learning_rate: 0.75,
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon: 1e-8,
+            max_gradient_norm: None,
+            schedule,
+        };
+        let rates = |config: &OptimizerConfig| [0, 1, 3, 4, 99].map(|step| config.learning_rate_after(step));
+        assert_eq!(rates(&config), [0.75, 0.625, 0.375, 0.25, 0.25]);
+        config.schedule = None;
+        assert_eq!(rates(&config), [0.75; 5]);
+    }
+}
