@@ -17,7 +17,7 @@ fn agent(hidden: [usize; 2], batch: usize) -> Dqn {
     let sets = [
         format!("network.hidden={hidden:?}"),
         format!("replay.batch_size={batch}"),
-        "replay.capacity=10000".into(),
+        "replay.capacity=2000".into(),
     ];
     let mut agent = Dqn::new(Config::from_layers(None, &sets).unwrap().dqn(), 4, 2, 0);
     let mut rng = Rng::from_seed(1);
