@@ -10,8 +10,9 @@
 //! | [`config`] | the JSON files that decide a run |
 //! | [`checkpoint`] | `.safetensors` files |
 //! | [`sink`] | who takes the events: metrics file, progress bar |
+//! | [`study`] | many runs: every config with every seed |
 //!
-//! The arrows: `rng, env, nn <- agent <- trainer <- cli`.
+//! The arrows: `rng, env, nn <- agent <- trainer <- study <- cli`.
 //!
 //! # Glossary
 //! - *observation, next_observation*: s and s′, what the agent sees before and after an action.
@@ -30,6 +31,7 @@ pub mod files;
 pub mod nn;
 pub mod rng;
 pub mod sink;
+pub mod study;
 pub mod trainer;
 
 /// The README's example, compiled and run by `cargo test`.

@@ -3,6 +3,7 @@
 mod eval;
 mod inspect;
 mod run_dir;
+mod study;
 mod train;
 
 use std::io::{self, Write};
@@ -30,6 +31,7 @@ enum Command {
     Train(train::Arguments),
     Eval(eval::Arguments),
     Inspect(inspect::Arguments),
+    Study(study::Arguments),
 }
 
 /// Why a command ended without success.
@@ -86,6 +88,7 @@ pub fn run() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Study(arguments) => study::run(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
     // A closed stderr leaves nobody to tell.

@@ -14,8 +14,8 @@ use crate::sink::Console;
 use crate::trainer::{EndReason, EventSink, Summary, Trainer};
 
 /// The default config, `configs/cartpole.json`.
-const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
-const DEFAULT_NAME: &str = "cartpole";
+pub(super) const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
+pub(super) const DEFAULT_NAME: &str = "cartpole";
 
 /// Train an agent.
 ///

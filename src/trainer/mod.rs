@@ -13,6 +13,7 @@ use crate::agent::{Dqn, NotFinite, Policy, Transition};
 use crate::checkpoint::Checkpoint;
 use crate::config::Config;
 use crate::env::Environment;
+use crate::nn::Mlp;
 use crate::rng::{Rng, Stream};
 
 pub use evaluate::{Score, TraceStep, evaluate, play};
@@ -88,6 +89,16 @@ pub struct Trainer<E: Environment> {
     environment_rng: Rng,
     agent: Dqn,
     progress: Progress,
+    evaluated: EvaluatedPolicies,
+}
+
+/// What a [`Trainer`] has evaluated since it was made or resumed.
+#[derive(Clone, Debug, Default)]
+pub struct EvaluatedPolicies {
+    /// The policy with the best evaluation of all, the first of equals; none if that was before a resume.
+    pub best: Option<Mlp<f32>>,
+    /// The policy of the latest evaluation; after [`Trainer::run`] the final policy.
+    pub latest: Option<Mlp<f32>>,
 }
 
 impl<E: Environment> Trainer<E> {
@@ -98,6 +109,7 @@ impl<E: Environment> Trainer<E> {
             observation: environment.reset(&mut environment_rng),
             agent: Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed),
             progress: Progress::default(),
+            evaluated: EvaluatedPolicies::default(),
             environment,
             environment_rng,
             config,
@@ -179,6 +191,10 @@ impl<E: Environment> Trainer<E> {
         let episodes = self.config.evaluation.episodes;
         let score = Score::new(&evaluate(&self.agent.policy(), &self.environment, EVALUATION_SEED, episodes));
         let event = self.progress.count_evaluation(&score, E::SOLVED_RETURN);
+        self.evaluated.latest = Some(self.agent.online.clone());
+        if let Event::Evaluation { best: true, .. } = event {
+            self.evaluated.best.clone_from(&self.evaluated.latest);
+        }
         if let (Event::Evaluation { best: true, .. }, Some(folder)) = (&event, checkpoints) {
             self.write(&folder.join("best.safetensors"), self.policy_checkpoint())?;
         }
@@ -212,6 +228,11 @@ impl<E: Environment> Trainer<E> {
     /// How far the run is.
     pub fn progress(&self) -> &Progress {
         &self.progress
+    }
+
+    /// The policies that were evaluated.
+    pub fn evaluated(&self) -> &EvaluatedPolicies {
+        &self.evaluated
     }
 
     /// The agent as it is now.

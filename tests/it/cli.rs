@@ -23,7 +23,7 @@ pub(crate) const TINY: &[&str] = &[
 ];
 
 /// Settings with which the weights leave the finite soon after learning starts.
-const DIVERGING: &[&str] = &[
+pub(crate) const DIVERGING: &[&str] = &[
     "network.hidden=[8,8,8,8,8,8,8,8]",
     "loss=mse",
     "optimizer.learning_rate=1",

@@ -9,6 +9,7 @@ mod golden_update;
 mod kernels;
 mod replay;
 mod simd;
+mod study;
 mod training;
 
 use std::path::PathBuf;

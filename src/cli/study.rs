@@ -1,0 +1,244 @@
+//! `cartpole-dqn study`
+
+use std::collections::BTreeSet;
+use std::io::{self, Write};
+use std::num::NonZero;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value;
+
+use super::train::{DEFAULT_CONFIG, DEFAULT_NAME};
+use super::{Failure, print};
+use crate::config::{self, Config};
+use crate::study::{NamedConfig, Study, StudyDir, StudyError, Trial};
+
+/// Shortest time between two plain lines of progress.
+const LINE_INTERVAL: Duration = Duration::from_secs(2);
+/// Most configs of a study, so that a slip of the keyboard does not fill the memory.
+const MAX_CONFIGS: usize = 10_000;
+
+/// Train every config, in every variation, with every seed.
+///
+/// Each trial's result is one file, so that a study that was stopped goes on when the same command is given again, also
+/// with more seeds at the end. The results depend neither on --jobs nor on the order in which trials end.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --vary loss=mse,huber --seeds 0..100 \
+        --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
+)]
+pub(super) struct Arguments {
+    /// Config file (JSON), repeatable; without it the built-in default, configs/cartpole.json
+    #[arg(long, value_name = "FILE")]
+    config: Vec<PathBuf>,
+    /// Values of a config key to compare: KEY=V1,V2 or, where values hold commas, KEY=[V1, V2] as JSON; repeatable
+    #[arg(long, value_name = "KEY=VALUES", value_parser = variation)]
+    vary: Vec<Variation>,
+    /// Set one config key in all configs; repeatable
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Training seeds from A to B − 1
+    #[arg(long, value_name = "A..B", value_parser = seeds, allow_hyphen_values = true)]
+    seeds: Range<u64>,
+    /// Folder for the study
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Trials at the same time [default: one per CPU]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=4096))]
+    jobs: Option<u64>,
+    /// Show no progress and no summary
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// A key and the values that it takes in turn.
+#[derive(Clone, Debug)]
+struct Variation {
+    key: String,
+    values: Vec<String>,
+}
+
+impl From<StudyError> for Failure {
+    fn from(error: StudyError) -> Self {
+        match error {
+            StudyError::Write { .. } => Self::Failed(error.to_string()),
+            StudyError::Folder { .. } | StudyError::Trial { .. } => Self::BadInput(error.to_string()),
+        }
+    }
+}
+
+fn seeds(text: &str) -> Result<Range<u64>, String> {
+    let range = text.split_once("..").and_then(|(start, end)| Some(start.parse().ok()?..end.parse().ok()?));
+    range.filter(|range| !range.is_empty()).ok_or_else(|| {
+        format!("expected A..B with integers A < B up to {}, for example 0..100, which ends at 99", u64::MAX)
+    })
+}
+
+fn variation(text: &str) -> Result<Variation, String> {
+    let (key, list) = text.split_once('=').ok_or("expected KEY=V1,V2 or KEY=[V1, V2]")?;
+    let values: Vec<String> = if list.starts_with('[') {
+        let values: Vec<Value> =
+            serde_json::from_str(list).map_err(|error| format!("no JSON list: {error}"))?;
+        values.iter().map(Value::to_string).collect()
+    } else if list.starts_with('{') {
+        return Err(format!("write objects as a JSON list: {key}=[{{…}}, {{…}}]"));
+    } else {
+        list.split(',').map(str::to_owned).collect()
+    };
+    if key == "seed" {
+        Err("the seeds of a study are given by --seeds".into())
+    } else if values.iter().any(String::is_empty) || values.is_empty() {
+        Err("a value is missing".into())
+    } else if values.iter().collect::<BTreeSet<_>>().len() < values.len() {
+        Err("a value comes twice".into())
+    } else {
+        Ok(Variation { key: key.into(), values })
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let study = Study::new(configs(arguments)?, arguments.seeds.clone());
+    let folder = StudyDir::open(&arguments.out, &study)?;
+    let mut progress = Progress::new(study.configs.len() as u64, &study.seeds, arguments.quiet);
+    for trial in folder.finished(&study) {
+        progress.count(&trial?);
+    }
+    progress.start();
+    let cpus = || thread::available_parallelism().map_or(1, NonZero::get);
+    let jobs = arguments.jobs.map_or_else(cpus, |jobs| jobs as usize);
+    folder.run(&study, jobs, |trial| {
+        progress.count(trial);
+        progress.show();
+    })?;
+    let counts = progress.finish();
+    if arguments.quiet {
+        return Ok(());
+    }
+    print(&format!("{counts}\nstudy      {0}\nreport     cartpole-dqn report {0}\n", arguments.out.display()))
+}
+
+/// Every config in every variation, all of them valid.
+fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
+    let mut sources = Vec::new();
+    for path in &arguments.config {
+        let stem = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+        sources.push((stem, path.display().to_string(), config::read_file(path)?));
+    }
+    if sources.is_empty() {
+        sources.push((DEFAULT_NAME.into(), "the built-in config".into(), DEFAULT_CONFIG.into()));
+    }
+    if arguments.set.iter().any(|set| set.starts_with("seed=")) {
+        return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));
+    }
+    let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
+    let mut configs: Vec<NamedConfig> = Vec::new();
+    for (stem, origin, text) in &sources {
+        for variation in &variations {
+            let name = [&[stem.clone()], &variation[..]].concat().join(" ");
+            let sets = [&arguments.set[..], variation].concat();
+            let config =
+                Config::from_layers(Some((origin, text)), &sets).map_err(|error| match &variation[..] {
+                    [] => error.into(),
+                    _ => Failure::BadInput(format!("variation {}: {error}", variation.join(" "))),
+                })?;
+            if configs.iter().any(|other| other.name == name) {
+                return Err(Failure::BadInput(format!(
+                    "--config {origin}: two configs are called {stem:?}; rename a file"
+                )));
+            }
+            configs.push(NamedConfig { name, config });
+        }
+    }
+    Ok(configs)
+}
+
+/// The cross product of the variations, each as `key=value`s.
+fn combinations(vary: &[Variation], limit: usize) -> Result<Vec<Vec<String>>, Failure> {
+    let mut products = vec![Vec::new()];
+    for (i, Variation { key, values }) in vary.iter().enumerate() {
+        if vary[..i].iter().any(|other| other.key == *key) {
+            return Err(Failure::BadInput(format!("--vary {key} comes twice; give all its values in one")));
+        }
+        if products.len().saturating_mul(values.len()) > limit {
+            return Err(Failure::BadInput(format!("--vary makes more than {MAX_CONFIGS} configs")));
+        }
+        let extend = |product: &Vec<String>| {
+            values
+                .iter()
+                .map(|value| [&product[..], &[format!("{key}={value}")]].concat())
+                .collect::<Vec<_>>()
+        };
+        products = products.iter().flat_map(extend).collect();
+    }
+    Ok(products)
+}
+
+/// Counts trials, and shows them on stderr: a bar on a terminal, elsewhere a plain line now and then.
+struct Progress {
+    bar: ProgressBar,
+    quiet: bool,
+    last_line: Instant,
+    total: u64,
+    done: u64,
+    solved: u64,
+    failed: u64,
+}
+
+impl Progress {
+    fn new(configs: u64, seeds: &Range<u64>, quiet: bool) -> Self {
+        let total = configs.saturating_mul(seeds.end - seeds.start);
+        let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(total) };
+        if let Ok(style) = ProgressStyle::with_template("trial {pos}/{len} {wide_bar} eta {eta}\n{wide_msg}")
+        {
+            bar.set_style(style);
+        }
+        Self { bar, quiet, last_line: Instant::now(), total, done: 0, solved: 0, failed: 0 }
+    }
+
+    fn count(&mut self, trial: &Trial) {
+        self.done += 1;
+        self.solved += u64::from(trial.solved());
+        self.failed += u64::from(trial.error.is_some());
+    }
+
+    /// The trials counted until now took no time.
+    fn start(&self) {
+        self.bar.set_position(self.done);
+        self.bar.reset_eta();
+        self.bar.set_message(self.counts());
+    }
+
+    fn counts(&self) -> String {
+        format!("final policy solved {} of {}, failed {}", self.solved, self.done, self.failed)
+    }
+
+    fn show(&mut self) {
+        self.bar.set_position(self.done);
+        self.bar.set_message(self.counts());
+        if !self.quiet && self.bar.is_hidden() && self.last_line.elapsed() >= LINE_INTERVAL {
+            self.last_line = Instant::now();
+            let eta = self.bar.eta().as_secs();
+            // A closed stderr is no reason to stop a study.
+            let _ = writeln!(
+                io::stderr(),
+                "trial {}/{} | {} | eta {eta} s",
+                self.done,
+                self.total,
+                self.counts()
+            );
+        }
+    }
+
+    fn finish(&self) -> String {
+        self.bar.finish_and_clear();
+        format!(
+            "trials     {}\nsolved     {} by the final policy (mean return ≥ 475 over eval's 100 episodes)\n\
+             failed     {}",
+            self.done, self.solved, self.failed
+        )
+    }
+}

@@ -1,0 +1,203 @@
+//! The folder of a study: `study.json`, and `trials/<index of the config>/<seed>.json`.
+
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::{Study, Trial};
+use crate::files::{is_unfinished, write_json, write_whole};
+
+/// Name of the file that says what a study runs.
+pub const MANIFEST: &str = "study.json";
+const TRIALS: &str = "trials";
+
+/// Why a study cannot be run.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// The folder cannot be used.
+    #[error("folder {} {problem}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        problem: String,
+    },
+    /// A trial's file is not one.
+    #[error("{} is not a trial of this study: {problem}; remove the file, and the study runs it again", path.display())]
+    Trial {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        problem: String,
+    },
+    /// A trial cannot be written.
+    #[error("cannot write {}: {source}; the same command goes on from here", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// The file of a trial, given as (index of its config, seed), in the folder of its study.
+pub fn trial_path(folder: &Path, (config, seed): (usize, u64)) -> PathBuf {
+    folder.join(TRIALS).join(config.to_string()).join(format!("{seed}.json"))
+}
+
+/// The folder of a study that this process runs.
+#[derive(Debug)]
+pub struct StudyDir {
+    path: PathBuf,
+    /// `study.json`, locked: two processes would run the same trials.
+    _manifest: File,
+}
+
+impl StudyDir {
+    /// Makes the folder of a new study, or opens that of the same one, which may have had fewer seeds.
+    ///
+    /// # Errors
+    /// When there is something else in the folder, another study included, or it cannot be written.
+    pub fn open(path: &Path, study: &Study) -> Result<Self, StudyError> {
+        let bad = |problem| StudyError::Folder { path: path.into(), problem };
+        let unwritable = |error: io::Error| bad(format!("cannot be written: {error}; choose another --out"));
+        let manifest = path.join(MANIFEST);
+        if is_free(path).map_err(bad)? {
+            fs::create_dir_all(path).and_then(|()| write_json(&manifest, study)).map_err(unwritable)?;
+        }
+        let (mut locked, text) = lock(&manifest).map_err(bad)?;
+        let found = serde_json::from_str(&text).map_err(|error| {
+            bad(format!("has a {MANIFEST} that is no study: {error}; choose another --out"))
+        })?;
+        if more_seeds(&found, study).map_err(bad)? {
+            write_json(&manifest, study).map_err(unwritable)?;
+            (locked, _) = lock(&manifest).map_err(bad)?;
+        }
+        let study_dir = Self { path: path.into(), _manifest: locked };
+        study_dir.prepare(study.configs.len()).map_err(unwritable)?;
+        Ok(study_dir)
+    }
+
+    /// Makes the folders of the trials and removes what a killed process has left half-written.
+    fn prepare(&self, configs: usize) -> io::Result<()> {
+        let folders = (0..configs).map(|config| self.path.join(TRIALS).join(config.to_string()));
+        for folder in folders.chain([self.path.clone()]) {
+            fs::create_dir_all(&folder)?;
+            for entry in fs::read_dir(&folder)? {
+                let entry = entry?;
+                if is_unfinished(&entry.file_name()) {
+                    fs::remove_file(entry.path())?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a trial has been run.
+    pub(super) fn has(&self, trial: (usize, u64)) -> bool {
+        trial_path(&self.path, trial).exists()
+    }
+
+    /// The trials that have been run, one after the other.
+    pub fn finished<'a>(&'a self, study: &'a Study) -> impl Iterator<Item = Result<Trial, StudyError>> + 'a {
+        study.trials().filter(|&trial| self.has(trial)).map(|(config, seed)| {
+            let path = trial_path(&self.path, (config, seed));
+            read_trial(&path, &study.configs[config].name, seed)
+        })
+    }
+
+    pub(super) fn write(&self, trial: (usize, u64), content: &Trial) -> Result<(), StudyError> {
+        let path = trial_path(&self.path, trial);
+        write_whole(&path, |file| {
+            serde_json::to_writer(&mut *file, content)?;
+            file.write_all(b"\n")
+        })
+        .map_err(|source| StudyError::Write { path, source })
+    }
+}
+
+/// Reads the file of the trial of a config (its name) with a seed.
+///
+/// # Errors
+/// When it cannot be read, or holds something else.
+pub fn read_trial(path: &Path, config: &str, seed: u64) -> Result<Trial, StudyError> {
+    let bad = |problem| StudyError::Trial { path: path.into(), problem };
+    let text = fs::read_to_string(path).map_err(|error| bad(error.to_string()))?;
+    let trial: Trial = serde_json::from_str(&text).map_err(|error| bad(error.to_string()))?;
+    if trial.config != config || trial.seed != seed {
+        return Err(bad(format!("it is that of config {:?}, seed {}", trial.config, trial.seed)));
+    }
+    Ok(trial)
+}
+
+/// Whether a new study can take the folder; an error if neither that nor a study is in it.
+fn is_free(path: &Path) -> Result<bool, String> {
+    let entries = match fs::read_dir(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
+        entries => entries.and_then(Iterator::collect::<io::Result<Vec<_>>>),
+    };
+    let entries =
+        entries.map_err(|error| format!("cannot be used for a study: {error}; choose another --out"))?;
+    if entries.iter().all(|entry| is_unfinished(&entry.file_name())) {
+        Ok(true)
+    } else if path.join(MANIFEST).is_file() {
+        Ok(false)
+    } else {
+        Err(format!("is not empty and has no {MANIFEST} of a study; choose another --out"))
+    }
+}
+
+/// Locks a study against other processes until the file is closed, and reads its manifest.
+fn lock(manifest: &Path) -> Result<(File, String), String> {
+    let unreadable = |error: io::Error| format!("has a {MANIFEST} that cannot be read: {error}");
+    let mut file = File::open(manifest).map_err(unreadable)?;
+    // A file system without locks is no reason to refuse.
+    if let Err(TryLockError::WouldBlock) = file.try_lock() {
+        return Err("is in use: another process runs this study; wait for it or choose another --out".into());
+    }
+    let mut text = String::new();
+    file.read_to_string(&mut text).map_err(unreadable)?;
+    Ok((file, text))
+}
+
+/// Whether a study goes on from the manifest `found` with more seeds; an error if it is another study.
+fn more_seeds(found: &Value, study: &Study) -> Result<bool, String> {
+    let mut given = json!(study);
+    let bound = |name: &str| found["seeds"][name].as_u64();
+    let (start, end) = (bound("start"), bound("end"));
+    let grows = start == Some(study.seeds.start) && end.is_some_and(|end| end < study.seeds.end);
+    if grows {
+        given["seeds"] = found["seeds"].clone();
+    }
+    match difference("", found, &given) {
+        None => Ok(grows),
+        Some(difference) => Err(format!(
+            "holds another study: {difference}. Repeat its command, with more seeds at the end if you like, \
+             or choose another --out"
+        )),
+    }
+}
+
+/// The first key by which two values differ, and how.
+fn difference(path: &str, found: &Value, given: &Value) -> Option<String> {
+    let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match (found, given) {
+        (Value::Object(a), Value::Object(b)) => {
+            let keys = a.keys().chain(b.keys().filter(|key| !a.contains_key(*key)));
+            let absent = Value::Null;
+            keys.into_iter().find_map(|key| {
+                difference(&below(key), a.get(key).unwrap_or(&absent), b.get(key).unwrap_or(&absent))
+            })
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            let mut pairs = a.iter().zip(b).enumerate();
+            pairs.find_map(|(i, (a, b))| difference(&below(&i.to_string()), a, b))
+        }
+        (Value::Array(a), Value::Array(b)) if path == "configs" => {
+            Some(format!("it has {} configs, and {} are given", a.len(), b.len()))
+        }
+        _ => (found != given).then(|| format!("its `{path}` is {found}, and {given} is given")),
+    }
+}

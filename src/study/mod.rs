@@ -1,0 +1,99 @@
+//! Many runs: every config of a study with every seed, on all cores, one file per trial.
+//!
+//! A trial is a function of its config and seed alone, so the folder that a study leaves depends neither on the number
+//! of threads nor on how often it was stopped on the way.
+
+mod folder;
+mod trial;
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::thread;
+
+use serde::Serialize;
+
+use crate::config::Config;
+
+pub use folder::{MANIFEST, StudyDir, StudyError, read_trial, trial_path};
+pub use trial::{PolicyScore, SCORE_EPISODES, SCORE_SEED, Trial};
+
+/// Version of the files of a study.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// What a study runs. Serialised it is the manifest, `study.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Study {
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// The program's version: another one may train with other bits.
+    pub version: &'static str,
+    /// The configs, each with a name of its own.
+    pub configs: Vec<NamedConfig>,
+    /// The seeds that each config is trained with.
+    pub seeds: Range<u64>,
+}
+
+/// One config of a study.
+#[derive(Clone, Debug, Serialize)]
+pub struct NamedConfig {
+    /// How reports call it.
+    pub name: String,
+    /// The config; its seed is 0 and replaced by that of the trial.
+    pub config: Config,
+}
+
+impl Study {
+    /// A study of configs with different names.
+    pub fn new(mut configs: Vec<NamedConfig>, seeds: Range<u64>) -> Self {
+        configs.iter_mut().for_each(|named| named.config.seed = 0);
+        Self { format_version: FORMAT_VERSION, version: env!("CARGO_PKG_VERSION"), configs, seeds }
+    }
+
+    /// Every trial as (index of its config, seed): the configs take turns, so that an unfinished study compares them on
+    /// the same seeds.
+    pub fn trials(&self) -> impl Iterator<Item = (usize, u64)> {
+        self.seeds.clone().flat_map(|seed| (0..self.configs.len()).map(move |config| (config, seed)))
+    }
+}
+
+impl StudyDir {
+    /// Runs the trials that have no file yet on `jobs` threads and shows each to `done`, in the order in which they end.
+    ///
+    /// # Errors
+    /// When a trial cannot be written; trials that have begun are still finished. A trial that fails is no error.
+    pub fn run(&self, study: &Study, jobs: usize, mut done: impl FnMut(&Trial)) -> Result<(), StudyError> {
+        let pending: Vec<_> = study.trials().filter(|&trial| !self.has(trial)).collect();
+        let next = AtomicUsize::new(0);
+        let stop = AtomicBool::new(false);
+        let (sender, finished) = mpsc::channel();
+        thread::scope(|scope| {
+            for _ in 0..jobs.min(pending.len()) {
+                let sender = sender.clone();
+                scope.spawn(|| {
+                    let sender = sender;
+                    while !stop.load(Ordering::Relaxed)
+                        && let Some(&(config, seed)) = pending.get(next.fetch_add(1, Ordering::Relaxed))
+                    {
+                        let trial = Trial::run(&study.configs[config], seed);
+                        let written = self.write((config, seed), &trial).map(|()| trial);
+                        // The receiver outlives the threads.
+                        let _ = sender.send(written);
+                    }
+                });
+            }
+            drop(sender);
+            let mut result = Ok(());
+            for written in finished {
+                match written {
+                    Ok(trial) => done(&trial),
+                    Err(error) => {
+                        stop.store(true, Ordering::Relaxed);
+                        result = result.and(Err(error));
+                    }
+                }
+            }
+            result
+        })
+    }
+}

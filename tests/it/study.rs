@@ -1,0 +1,255 @@
+//! The command line: `study`.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+
+use assert_cmd::assert::Assert;
+use serde_json::{Value, json};
+
+use crate::cli::{DIVERGING, Sandbox, TINY, keys, refusals, sets, stdout_json};
+
+/// A study of two variations and six seeds with [`TINY`] settings.
+const STUDY: [&str; 7] = ["study", "--quiet", "--vary", "gamma=0.9,0.99", "--seeds", "3..9", "--out"];
+
+fn study(sandbox: &Sandbox, out: &str, more: &[&str]) -> Assert {
+    sandbox.run(&[&STUDY[..], &[out], &sets(TINY), more].concat())
+}
+
+/// The files below a folder of the sandbox, by their path in it.
+pub(crate) fn tree(sandbox: &Sandbox, folder: &str) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+    let root = sandbox.path(folder);
+    let below = |path: PathBuf| Some(path.strip_prefix(&root).ok()?.to_owned());
+    sandbox.files().into_iter().filter_map(|(path, content)| Some((below(path)?, content))).collect()
+}
+
+fn trials(sandbox: &Sandbox, folder: &str) -> usize {
+    tree(sandbox, folder)
+        .keys()
+        .filter(|path| path.starts_with("trials") && path.extension().is_some())
+        .count()
+}
+
+refusals! {
+    refuses_a_study_without_seeds: [], ["study", "--out", "s"] => ["--seeds"];
+    refuses_a_study_without_a_folder: [], ["study", "--seeds", "0..2"] => ["--out"];
+    refuses_no_seeds: [], ["study", "--out", "s", "--seeds", "2..2"] => ["'2..2'", "A < B", "0..100"];
+    refuses_seeds_that_are_no_range: [], ["study", "--out", "s", "--seeds", "10"] => ["'10'", "A..B"];
+    refuses_negative_seeds: [], ["study", "--out", "s", "--seeds", "-1..3"] => ["-1..3", "A..B"];
+    refuses_no_jobs: [], ["study", "--out", "s", "--seeds", "0..2", "--jobs", "0"] => ["--jobs", "1..=4096"];
+    refuses_an_invalid_variation_before_anything_is_written:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,1.5"]
+        => ["variation gamma=1.5", "`gamma` is 1.5", "from 0 to 1"];
+    refuses_a_variation_of_an_unknown_key:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gama=0.9"] => ["`gama`", "`gamma`"];
+    refuses_a_variation_without_values:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma"] => ["--vary", "KEY=V1,V2"];
+    refuses_an_empty_value:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,"] => ["--vary", "missing"];
+    refuses_a_value_that_comes_twice:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,0.9"] => ["--vary", "twice"];
+    refuses_a_key_that_is_varied_twice:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9", "--vary", "gamma=1"]
+        => ["--vary gamma", "twice"];
+    refuses_a_list_that_is_no_json:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "network.hidden=[[8]"] => ["no JSON list"];
+    refuses_objects_outside_a_list:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "target={\"kind\":\"none\"}"] => ["target=[{"];
+    refuses_a_variation_of_the_seed:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "seed=1,2"] => ["--seeds"];
+    refuses_a_seed_that_is_set:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--set", "seed=1"] => ["--set seed", "--seeds"];
+    refuses_more_configs_than_anybody_means:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "replay.warmup_steps=1,2,3,4,5,6,7,8,9,10",
+             "--vary", "target.every_steps=1,2,3,4,5,6,7,8,9,10", "--vary", "learn.updates=1,2,3,4,5,6,7,8,9,10",
+             "--vary", "replay.capacity=1,2,3,4,5,6,7,8,9,10", "--vary", "gamma=0.1,0.2"] => ["more than 10000 configs"];
+    refuses_two_configs_of_the_same_name:
+        [("a/my.json", b"{}"), ("b/my.json", b"{\"gamma\": 0.9}")],
+        ["study", "--out", "s", "--seeds", "0..2", "--config", "a/my.json", "--config", "b/my.json"]
+        => ["b/my.json", "\"my\"", "rename"];
+    refuses_a_missing_config_for_a_study:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--config", "no.json"] => ["no.json", "No such file"];
+    refuses_a_folder_with_something_else:
+        [("s/notes.txt", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "not empty", "--out"];
+    refuses_a_study_into_a_file: [("s", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "--out"];
+    refuses_a_manifest_of_something_else:
+        [("s/study.json", b"[1]")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "another study"];
+    refuses_a_manifest_that_is_no_json:
+        [("s/study.json", b"x")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "study.json", "line 1"];
+}
+
+#[test]
+fn a_study_does_not_depend_on_jobs() {
+    let sandbox = Sandbox::new();
+    study(&sandbox, "one", &["--jobs", "1"]).success().stdout("").stderr("");
+    study(&sandbox, "two", &["--jobs", "2"]).success();
+    assert_eq!(trials(&sandbox, "one"), 12);
+    assert!(tree(&sandbox, "one") == tree(&sandbox, "two"));
+}
+
+#[test]
+#[cfg(unix)]
+fn a_killed_study_goes_on_where_it_stopped() {
+    let sandbox = Sandbox::new();
+    let program = assert_cmd::cargo::cargo_bin!("cartpole-dqn");
+    let more = ["--seeds", "0..100"];
+    let arguments = |out: &'static str| {
+        let study = ["study", "--quiet", "--vary", "gamma=0.9,0.99", "--jobs", "2", "--out", out];
+        [&study[..], &sets(TINY), &more].concat()
+    };
+    let mut child = std::process::Command::new(program)
+        .current_dir(sandbox.path("."))
+        .args(arguments("killed"))
+        .spawn()
+        .unwrap();
+    while trials(&sandbox, "killed") < 3 {
+        assert!(child.try_wait().unwrap().is_none(), "the study ended before it could be killed");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let before = trials(&sandbox, "killed");
+    assert!(before < 200, "the study ended before it was killed");
+    sandbox.write("killed/trials/0/.writing-abc123.tmp", "half a trial");
+    let first = fs::metadata(sandbox.path("killed/trials/0/0.json")).unwrap().modified().unwrap();
+
+    sandbox.run(&arguments("killed")).success();
+    sandbox.run(&arguments("whole")).success();
+    assert!(tree(&sandbox, "killed") == tree(&sandbox, "whole"));
+    let kept = fs::metadata(sandbox.path("killed/trials/0/0.json")).unwrap().modified().unwrap();
+    assert_eq!(first, kept, "a finished trial ran again");
+}
+
+#[test]
+fn a_study_grows_by_seeds_and_equals_one_that_had_them_from_the_start() {
+    let sandbox = Sandbox::new();
+    let run = |out: &str, seeds: &str| {
+        sandbox
+            .run(&[&["study", "--quiet", "--out", out, "--seeds", seeds], &sets(TINY)[..]].concat())
+            .success();
+    };
+    run("grown", "0..2");
+    run("grown", "0..4");
+    run("whole", "0..4");
+    assert!(tree(&sandbox, "grown") == tree(&sandbox, "whole"));
+    let fewer = [&["study", "--out", "grown", "--seeds", "0..2"], &sets(TINY)[..]].concat();
+    sandbox.refuses(&fewer, &["folder grown", "`seeds.end` is 4", "2 is given"]);
+    let others = [&["study", "--out", "grown", "--seeds", "1..5"], &sets(TINY)[..]].concat();
+    sandbox.refuses(&others, &["folder grown", "`seeds.start` is 0", "1 is given"]);
+}
+
+#[test]
+fn a_changed_study_is_refused_with_the_key() {
+    let sandbox = Sandbox::new();
+    study(&sandbox, "s", &[]).success();
+    let changed = |more: &[&'static str]| [&STUDY[..], &["s"], &sets(TINY), more].concat();
+    let gamma = ["study", "--vary", "gamma=0.9,0.95", "--seeds", "3..9", "--out", "s"];
+    sandbox.refuses(
+        &[&gamma[..], &sets(TINY)].concat(),
+        &["folder s", "`configs.1.name`", "gamma=0.99", "gamma=0.95"],
+    );
+    sandbox.refuses(
+        &changed(&["--set", "replay.capacity=99"]),
+        &["`configs.0.config.replay.capacity`", "99 is given"],
+    );
+    sandbox.refuses(&changed(&["--vary", "learn.updates=1,2"]), &["folder s", "2 configs", "4 are given"]);
+}
+
+#[test]
+fn a_study_that_another_process_runs_is_refused() {
+    let sandbox = Sandbox::new();
+    study(&sandbox, "s", &[]).success();
+    let manifest = fs::File::open(sandbox.path("s/study.json")).unwrap();
+    manifest.lock().unwrap();
+    study(&sandbox, "s", &[]).code(2).stdout("").stderr(predicates::str::contains("is in use"));
+    drop(manifest);
+    study(&sandbox, "s", &[]).success();
+}
+
+#[test]
+fn a_trial_that_fails_is_recorded_and_stops_nothing() {
+    let sandbox = Sandbox::new();
+    let diverging = [&sets(DIVERGING)[..], &["--set", "evaluation.every_steps=100"]].concat();
+    let vary = ["--vary", "optimizer.learning_rate=1,0.001", "--set", "budget.steps=400", "--seeds", "0..2"];
+    let diverging: Vec<&str> =
+        diverging.chunks(2).filter(|set| !set[1].starts_with("budget")).flatten().copied().collect();
+    let arguments = [&["study", "--out", "s"], &diverging[..], &vary].concat();
+    let printed = sandbox.run(&arguments).success();
+    let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
+    assert!(printed.contains("trials     4") && printed.contains("failed     2"), "{printed}");
+    let failed = sandbox.json("s/trials/0/1.json");
+    assert_eq!((&failed["summary"], &failed["final"]), (&Value::Null, &Value::Null));
+    assert!(failed["error"].as_str().unwrap().starts_with("training diverged: at environment step"));
+    let good = sandbox.json("s/trials/1/1.json");
+    assert_eq!((&good["error"], &good["summary"]["env_steps"]), (&Value::Null, &json!(400)));
+    // They are not tried again, and not counted less.
+    sandbox.run(&arguments).success().stdout(printed);
+}
+
+#[test]
+fn a_trial_is_what_train_and_eval_give() {
+    let sandbox = Sandbox::new();
+    let config =
+        [&sets(TINY)[..], &["--set", "budget.steps=1500", "--set", "evaluation.every_steps=250"]].concat();
+    sandbox.run(&[&["study", "--seeds", "5..7", "--out", "s", "--quiet"], &config[..]].concat()).success();
+    for seed in ["5", "6"] {
+        let run = format!("run{seed}");
+        sandbox.run(&[&["train", "--quiet", "--seed", seed, "--out", &run], &config[..]].concat()).success();
+        let trial = sandbox.json(&format!("s/trials/0/{seed}.json"));
+        let expected = ["best", "config", "error", "evaluations", "final", "seed", "summary"];
+        assert_eq!(keys(&trial), expected);
+        let mut summary = sandbox.json(&format!("{run}/summary.json"));
+        summary.as_object_mut().unwrap().remove("wall_seconds");
+        assert_eq!(trial["summary"], summary);
+        for (policy, steps) in [("best", "best_evaluation"), ("final", "final_evaluation")] {
+            let file = format!("{run}/checkpoints/{}.safetensors", policy.replace("final", "last"));
+            let mut score = stdout_json(&sandbox.run(&["eval", "--json", "--checkpoint", &file]).success());
+            for key in ["episodes", "seed", "solved", "returns"] {
+                score.as_object_mut().unwrap().remove(key);
+            }
+            score["env_steps"] = summary[steps]["env_steps"].clone();
+            assert_eq!(trial[policy], score, "{policy}");
+        }
+        let evaluations: Vec<Value> = sandbox
+            .read(&format!("{run}/metrics.jsonl"))
+            .lines()
+            .map(|line| serde_json::from_str::<Value>(line).unwrap())
+            .filter(|event| event["event"] == "evaluation")
+            .map(|event| json!({"env_steps": event["env_steps"], "mean": event["mean"]}))
+            .collect();
+        assert_eq!(trial["evaluations"], json!(evaluations));
+    }
+}
+
+#[test]
+fn configs_and_variations_multiply() {
+    let sandbox = Sandbox::new();
+    sandbox.write("a.json", "{\"seed\": 7}");
+    sandbox.write("b.json", "{\"gamma\": 0.5}");
+    let vary = ["--vary", "network.hidden=[[8],[4,4]]", "--vary", "loss=mse,huber", "--seeds", "0..1"];
+    let tiny: Vec<&str> = TINY.iter().copied().filter(|set| !set.starts_with("network")).collect();
+    let configs = ["study", "--config", "a.json", "--config", "b.json", "--quiet", "--out", "s"];
+    sandbox.run(&[&configs[..], &vary, &sets(&tiny)].concat()).success();
+    let manifest = sandbox.json("s/study.json");
+    assert_eq!(keys(&manifest), ["configs", "format_version", "seeds", "version"]);
+    assert_eq!(manifest["seeds"], json!({"start": 0, "end": 1}));
+    let configs = manifest["configs"].as_array().unwrap();
+    let names: Vec<&str> = configs.iter().map(|config| config["name"].as_str().unwrap()).collect();
+    let of = |stem: &str| {
+        ["[8] loss=mse", "[8] loss=huber", "[4,4] loss=mse", "[4,4] loss=huber"]
+            .map(|values| format!("{stem} network.hidden={values}"))
+    };
+    assert_eq!(names, [of("a"), of("b")].concat());
+    let last = &configs[7]["config"];
+    assert_eq!((&last["gamma"], &last["loss"], &last["seed"]), (&json!(0.5), &json!("huber"), &json!(0)));
+    assert_eq!(sandbox.json("s/trials/7/0.json")["config"], names[7]);
+}
+
+#[test]
+fn a_foreign_file_among_the_trials_is_named() {
+    let sandbox = Sandbox::new();
+    study(&sandbox, "s", &[]).success();
+    fs::copy(sandbox.path("s/trials/0/3.json"), sandbox.path("s/trials/0/4.json")).unwrap();
+    let arguments = [&STUDY[..], &["s"], &sets(TINY)].concat();
+    sandbox.refuses(&arguments, &["s/trials/0/4.json", "seed 3", "remove the file"]);
+}
