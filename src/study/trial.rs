@@ -75,17 +75,16 @@ impl Trial {
         let ended = trainer.run(&mut evaluations, None);
         let Evaluations(evaluations) = evaluations;
 
-        let (best, latest) = (&trainer.evaluated().best, &trainer.evaluated().latest);
         let progress = trainer.progress();
-        let score = |policy: &Option<Mlp<f32>>, evaluation: Option<Evaluation>| {
-            Some(PolicyScore::new(policy.as_ref()?, evaluation?.env_steps))
+        let score = |policy: &Mlp<f32>, evaluation: Option<Evaluation>| {
+            Some(PolicyScore::new(policy, evaluation?.env_steps))
         };
-        let best = score(best, progress.best_evaluation);
+        let best = trainer.best_policy().and_then(|policy| score(policy, progress.best_evaluation));
         let final_ = match &ended {
             Err(_) => None,
             // One policy needs one score.
             Ok(_) if progress.best_evaluation == progress.last_evaluation => best.clone(),
-            Ok(_) => score(latest, progress.last_evaluation),
+            Ok(_) => score(&trainer.agent().policy(), progress.last_evaluation),
         };
         let summary = ended.as_ref().ok().map(|&reason| {
             let mut summary = json!(trainer.summary(reason, 0.0));

@@ -89,16 +89,8 @@ pub struct Trainer<E: Environment> {
     environment_rng: Rng,
     agent: Dqn,
     progress: Progress,
-    evaluated: EvaluatedPolicies,
-}
-
-/// What a [`Trainer`] has evaluated since it was made or resumed.
-#[derive(Clone, Debug, Default)]
-pub struct EvaluatedPolicies {
-    /// The policy with the best evaluation of all, the first of equals; none if that was before a resume.
-    pub best: Option<Mlp<f32>>,
-    /// The policy of the latest evaluation; after [`Trainer::run`] the final policy.
-    pub latest: Option<Mlp<f32>>,
+    /// The policy with the best evaluation since the run was made or resumed.
+    best_policy: Option<Mlp<f32>>,
 }
 
 impl<E: Environment> Trainer<E> {
@@ -109,7 +101,7 @@ impl<E: Environment> Trainer<E> {
             observation: environment.reset(&mut environment_rng),
             agent: Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed),
             progress: Progress::default(),
-            evaluated: EvaluatedPolicies::default(),
+            best_policy: None,
             environment,
             environment_rng,
             config,
@@ -189,14 +181,14 @@ impl<E: Environment> Trainer<E> {
     /// Plays the greedy policy, and keeps it as the best if it is better than all before.
     fn evaluate(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
         let episodes = self.config.evaluation.episodes;
-        let score = Score::new(&evaluate(&self.agent.policy(), &self.environment, EVALUATION_SEED, episodes));
+        let policy = self.agent.policy();
+        let score = Score::new(&evaluate(&policy, &self.environment, EVALUATION_SEED, episodes));
         let event = self.progress.count_evaluation(&score, E::SOLVED_RETURN);
-        self.evaluated.latest = Some(self.agent.online.clone());
         if let Event::Evaluation { best: true, .. } = event {
-            self.evaluated.best.clone_from(&self.evaluated.latest);
-        }
-        if let (Event::Evaluation { best: true, .. }, Some(folder)) = (&event, checkpoints) {
-            self.write(&folder.join("best.safetensors"), self.policy_checkpoint())?;
+            self.best_policy = Some(policy);
+            if let Some(folder) = checkpoints {
+                self.write(&folder.join("best.safetensors"), self.policy_checkpoint())?;
+            }
         }
         self.emit(sink, &event)
     }
@@ -230,9 +222,9 @@ impl<E: Environment> Trainer<E> {
         &self.progress
     }
 
-    /// The policies that were evaluated.
-    pub fn evaluated(&self) -> &EvaluatedPolicies {
-        &self.evaluated
+    /// The policy with the best evaluation, the first of equals; none if that was before a resume.
+    pub fn best_policy(&self) -> Option<&Mlp<f32>> {
+        self.best_policy.as_ref()
     }
 
     /// The agent as it is now.
