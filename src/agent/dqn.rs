@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::statistics::{Probes, Statistics};
 use super::{
     Exploration, Minibatch, Policy, PolicyWeights, Replay, ReplayConfig, TargetUpdate, Transition,
     UpdateMode, argmax, td,
@@ -93,21 +94,11 @@ impl Dqn {
     pub fn new(config: DqnConfig, observation_size: usize, num_actions: usize, seed: u64) -> Self {
         let online =
             Mlp::new(&config.network, observation_size, num_actions, &mut Rng::spawn(seed, Stream::Init));
-        let batch_size = match config.replay.update {
-            UpdateMode::Minibatch => config.replay.batch_size,
-            UpdateMode::PerSample => 1,
+        let (batch_size, updates) = match config.replay.update {
+            UpdateMode::Minibatch => (config.replay.batch_size, 1),
+            UpdateMode::PerSample => (1, config.replay.batch_size),
         };
-        let buffers = Buffers {
-            ages: vec![0; config.replay.batch_size],
-            minibatch: Minibatch::new(batch_size, observation_size),
-            targets: vec![0.0; batch_size],
-            online: Activations::new(online.sizes(), batch_size),
-            target: Activations::new(online.sizes(), batch_size),
-            gradient: Mlp::zeros(online.sizes().to_vec()),
-            acting: Activations::new(online.sizes(), 1),
-            observation: vec![0.0; observation_size],
-            next_observation: vec![0.0; observation_size],
-        };
+        let buffers = Buffers::new(batch_size, updates, online.sizes());
         let observation_scale = match &config.observation_scale {
             Some(scale) => scale.iter().map(|&scale| scale as f32).collect(),
             None => vec![1.0; observation_size],
@@ -166,29 +157,11 @@ impl Dqn {
 
     /// One gradient step on the minibatch; returns its loss.
     fn update(&mut self) -> Result<f32, NotFinite> {
-        let Buffers { minibatch, targets, online, target, gradient, .. } = &mut self.buffers;
         if self.config.target == TargetUpdate::None {
             self.target.copy_from(&self.online);
         }
-        let Minibatch { observations, actions, rewards, discounts, next_observations, terminated, .. } =
-            minibatch;
-
-        target.set_input(next_observations);
-        self.target.forward(target);
-        if self.config.double {
-            online.set_input(next_observations);
-            self.online.forward(online);
-            td::double_targets(discounts, rewards, terminated, online.output(), target.output(), targets);
-        } else {
-            td::targets(discounts, rewards, terminated, target.output(), targets);
-        }
-
-        online.set_input(observations);
-        self.online.forward(online);
-        let (q, q_gradient) = online.output_and_gradient_mut();
-        let loss = td::loss(self.config.loss, q, actions, targets, q_gradient);
-
-        self.online.backward(online, gradient);
+        let loss = self.buffers.backpropagate(&self.config, &self.online, &self.target);
+        let gradient = &mut self.buffers.gradient;
         if let Some(max_norm) = self.config.optimizer.max_gradient_norm {
             clip_norm(gradient.parameters_mut(), max_norm);
         }
@@ -199,6 +172,53 @@ impl Dqn {
             (true, false) => Err(NotFinite::Weight),
             (true, true) => Ok(loss),
         }
+    }
+}
+
+impl Buffers {
+    fn new(batch_size: usize, updates: usize, sizes: &[usize]) -> Self {
+        let observation_size = sizes[0];
+        Self {
+            ages: vec![0; batch_size * updates],
+            minibatch: Minibatch::new(batch_size, observation_size),
+            targets: vec![0.0; batch_size],
+            online: Activations::new(sizes, batch_size),
+            target: Activations::new(sizes, batch_size),
+            gradient: Mlp::zeros(sizes.to_vec()),
+            acting: Activations::new(sizes, 1),
+            observation: vec![0.0; observation_size],
+            next_observation: vec![0.0; observation_size],
+        }
+    }
+
+    /// The loss of the minibatch, and into `gradient` its gradient by the online network's parameters.
+    fn backpropagate(
+        &mut self,
+        config: &DqnConfig,
+        online_network: &Mlp<f32>,
+        target_network: &Mlp<f32>,
+    ) -> f32 {
+        let Self { minibatch, targets, online, target, gradient, .. } = self;
+        let Minibatch { observations, actions, rewards, discounts, next_observations, terminated, .. } =
+            minibatch;
+
+        target.set_input(next_observations);
+        target_network.forward(target);
+        if config.double {
+            online.set_input(next_observations);
+            online_network.forward(online);
+            td::double_targets(discounts, rewards, terminated, online.output(), target.output(), targets);
+        } else {
+            td::targets(discounts, rewards, terminated, target.output(), targets);
+        }
+
+        online.set_input(observations);
+        online_network.forward(online);
+        let (q, q_gradient) = online.output_and_gradient_mut();
+        let loss = td::loss(config.loss, q, actions, targets, q_gradient);
+
+        online_network.backward(online, gradient);
+        loss
     }
 }
 
@@ -254,6 +274,33 @@ impl Dqn {
             weights.iter_mut().for_each(|weight| *weight /= scale);
         }
         policy
+    }
+}
+
+impl Dqn {
+    /// What learning looks like from inside; see [`Statistics`].
+    pub fn statistics(&self, probes: &Probes) -> Statistics {
+        let batch_size = self.replay.len().min(Statistics::TRANSITIONS);
+        let mut buffers = Buffers::new(batch_size, 1, self.online.sizes());
+        for (index, age) in buffers.ages.iter_mut().enumerate() {
+            *age = index * self.replay.len() / batch_size;
+        }
+        let DqnConfig { n_step, gamma, reward_scale, .. } = self.config;
+        self.replay.gather(&buffers.ages, n_step, gamma as f32, &mut buffers.minibatch);
+        buffers.backpropagate(&self.config, &self.online, &self.target);
+        let (q, actions) = (buffers.online.output(), &buffers.minibatch.actions);
+        let td_errors = buffers.targets.iter().enumerate().map(|(sample, target)| {
+            f64::from(q[(sample, usize::from(actions[sample]))] - target).abs() / reward_scale
+        });
+        let terminal = self.replay.terminal_transitions() as f64 / self.replay.len() as f64;
+        Statistics::new(
+            &self.policy(),
+            probes,
+            reward_scale,
+            terminal,
+            td_errors.collect(),
+            &buffers.gradient,
+        )
     }
 }
 

@@ -4,6 +4,7 @@ mod dqn;
 mod exploration;
 mod random;
 mod replay;
+mod statistics;
 mod target;
 pub mod td;
 
@@ -15,6 +16,7 @@ pub use dqn::{Dqn, DqnConfig, LearnConfig, NotFinite};
 pub use exploration::Exploration;
 pub use random::Random;
 pub use replay::{Minibatch, Replay, ReplayConfig, ReplayContents, Transition, UpdateMode};
+pub use statistics::{Probes, Statistics};
 pub use target::{PolicyWeights, TargetUpdate};
 
 /// Chooses actions.
@@ -59,6 +61,11 @@ impl Greedy {
     /// The action with the largest Q-value for one of the observations seen, the first of equals.
     pub fn action(&self, sample: usize) -> usize {
         argmax(self.activations.output(), sample)
+    }
+
+    /// The Q-value of an action for one of the observations seen.
+    pub fn q_value(&self, sample: usize, action: usize) -> f64 {
+        f64::from(self.activations.output()[(sample, action)])
     }
 }
 

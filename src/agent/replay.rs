@@ -163,6 +163,11 @@ impl Replay {
         self.len == 0
     }
 
+    /// How many of them end in termination.
+    pub fn terminal_transitions(&self) -> usize {
+        (0..self.len).filter(|&age| self.ends[self.slot(age)] == End::Terminated).count()
+    }
+
     /// Remembers a transition and forgets the oldest if the memory is full.
     pub fn push(&mut self, transition: Transition) {
         if self.len == self.capacity {

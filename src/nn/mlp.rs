@@ -45,6 +45,11 @@ impl<T: Float> Activations<T> {
         &self.layers[self.layers.len() - 1]
     }
 
+    /// The outputs of the hidden layers.
+    pub fn hidden(&self) -> &[DMatrix<T>] {
+        &self.layers[1..self.layers.len() - 1]
+    }
+
     /// The output, and the loss's gradient by it, to be filled in before [`Mlp::backward`].
     pub fn output_and_gradient_mut(&mut self) -> (&DMatrix<T>, &mut DMatrix<T>) {
         let last = self.layers.len() - 1;

@@ -79,6 +79,7 @@ impl EventSink for Console {
                 self.evaluation = format!("eval {mean:.0} ");
                 self.show(env_steps, None, true);
             }
+            Event::Statistics { .. } => {}
             Event::End { .. } => self.bar.finish_and_clear(),
         }
         Ok(())

@@ -28,7 +28,7 @@ impl EventSink for JsonLines {
         self.file.write_all(b"\n")?;
         match event {
             Event::Episode { .. } => Ok(()),
-            Event::Evaluation { .. } | Event::End { .. } => self.file.flush(),
+            Event::Evaluation { .. } | Event::Statistics { .. } | Event::End { .. } => self.file.flush(),
         }
     }
 }

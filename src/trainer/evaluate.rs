@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::agent::{Greedy, Policy};
+use crate::agent::{Greedy, Policy, Probes};
 use crate::env::{Environment, Step};
 use crate::nn::Mlp;
 use crate::rng::Rng;
@@ -20,17 +20,46 @@ pub fn evaluate<E: Environment>(
     first_seed: u64,
     episodes: u64,
 ) -> Vec<f64> {
+    let played = evaluate_discounted(network, environment, first_seed, episodes, 1.0);
+    played.into_iter().map(|episode| episode.total).collect()
+}
+
+/// An episode's return, the same discounted, and what the network expected of its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Played {
+    /// Undiscounted return.
+    pub total: f64,
+    /// Σ γᵗ rₜ
+    pub discounted: f64,
+    /// max_a Q of the first observation.
+    pub expected: f64,
+}
+
+/// As [`evaluate`], with what else can be said of the episodes.
+pub fn evaluate_discounted<E: Environment>(
+    network: &Mlp<f32>,
+    environment: &E,
+    first_seed: u64,
+    episodes: u64,
+    gamma: f64,
+) -> Vec<Played> {
     let starts = (0..episodes).step_by(LOCKSTEP as usize);
     starts
         .flat_map(|start| {
             let first_seed = first_seed.wrapping_add(start);
-            lockstep(network, environment, first_seed, LOCKSTEP.min(episodes - start))
+            lockstep(network, environment, first_seed, LOCKSTEP.min(episodes - start), gamma)
         })
         .collect()
 }
 
-fn lockstep<E: Environment>(network: &Mlp<f32>, environment: &E, first_seed: u64, episodes: u64) -> Vec<f64> {
-    let mut returns = vec![0.0; episodes as usize];
+fn lockstep<E: Environment>(
+    network: &Mlp<f32>,
+    environment: &E,
+    first_seed: u64,
+    episodes: u64,
+    gamma: f64,
+) -> Vec<Played> {
+    let mut played = vec![Played::default(); episodes as usize];
     // What is still being played: index, environment and latest observation.
     let mut playing: Vec<(usize, E, E::Observation)> = (0..episodes)
         .map(|episode| {
@@ -40,6 +69,7 @@ fn lockstep<E: Environment>(network: &Mlp<f32>, environment: &E, first_seed: u64
         })
         .collect();
     let mut policy = Greedy::new(network.clone(), playing.len());
+    let (mut discount, mut starts) = (1.0, true);
     while !playing.is_empty() {
         // Places of ended episodes are computed along until half of the batch is such.
         if playing.len() <= policy.batch() / 2 {
@@ -48,14 +78,22 @@ fn lockstep<E: Environment>(network: &Mlp<f32>, environment: &E, first_seed: u64
         policy.see(playing.iter().map(|(_, _, observation)| observation.as_ref()));
         let mut place = 0;
         playing.retain_mut(|(episode, environment, observation)| {
-            let step = environment.step(policy.action(place));
+            let action = policy.action(place);
+            let step = environment.step(action);
+            let played = &mut played[*episode];
+            if starts {
+                played.expected = policy.q_value(place, action);
+            }
             place += 1;
-            returns[*episode] += f64::from(step.reward);
+            played.total += f64::from(step.reward);
+            played.discounted += discount * f64::from(step.reward);
             *observation = step.observation.clone();
             !step.ended()
         });
+        discount *= gamma;
+        starts = false;
     }
-    returns
+    played
 }
 
 /// One step of an episode that is being played.
@@ -154,4 +192,34 @@ impl Score {
     pub fn solves(&self, threshold: f64) -> bool {
         self.episodes >= 100 && self.mean >= threshold
     }
+}
+
+/// Gymnasium seed of the first episode that gives probes.
+const PROBE_SEED: u64 = 3_000_000;
+/// Number of probes of each kind.
+const PROBES: usize = 128;
+
+/// Probes from episodes of the random policy: every observation is an ordinary one, and the last before a termination
+/// is doomed.
+pub(super) fn probes<E: Environment>(environment: &E) -> Probes {
+    let mut probes = Probes::default();
+    for episode in 0..PROBES as u64 {
+        let mut rng = Rng::from_seed(PROBE_SEED + episode);
+        let mut environment = environment.clone();
+        let mut observation = environment.reset(&mut rng);
+        loop {
+            if probes.ordinary.len() < PROBES {
+                probes.ordinary.push(observation.as_ref().to_vec());
+            }
+            let step = environment.step(rng.below(E::NUM_ACTIONS as u64) as usize);
+            if step.terminated {
+                probes.doomed.push(observation.as_ref().to_vec());
+            }
+            if step.ended() {
+                break;
+            }
+            observation = step.observation;
+        }
+    }
+    probes
 }

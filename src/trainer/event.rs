@@ -4,6 +4,8 @@ use std::io;
 
 use serde::{Deserialize, Serialize};
 
+use crate::agent::Statistics;
+
 /// Something that happened. No event holds a wall-clock time, so that equal runs write equal files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
@@ -46,6 +48,17 @@ pub enum Event {
         best: bool,
         /// Whether the mean reached the task's threshold.
         solved: bool,
+    },
+    /// What learning looked like from inside at an evaluation, once the replay memory holds anything.
+    Statistics {
+        /// Environment steps of the run so far.
+        env_steps: u64,
+        /// Mean over the evaluation's episodes of max_a Q of the first observation less the discounted return that
+        /// was then obtained; an episode cut off by the time limit obtains a little less than it is worth.
+        overestimation: f64,
+        /// See [`Statistics`].
+        #[serde(flatten)]
+        agent: Statistics,
     },
     /// The run ended.
     End {

@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::agent::{Dqn, NotFinite, Policy, Transition};
+use crate::agent::{Dqn, NotFinite, Policy, Probes, Transition};
 use crate::checkpoint::Checkpoint;
 use crate::config::Config;
 use crate::env::Environment;
 use crate::nn::Mlp;
 use crate::rng::{Rng, Stream};
 
-pub use evaluate::{Score, TraceStep, evaluate, play};
+pub use evaluate::{Played, Score, TraceStep, evaluate, evaluate_discounted, play};
 pub use event::{EndReason, Event, EventSink};
 pub use state::{Evaluation, Header, Progress, State, Summary};
 
@@ -91,6 +91,7 @@ pub struct Trainer<E: Environment> {
     progress: Progress,
     /// The policy with the best evaluation since the run was made or resumed.
     best_policy: Option<Mlp<f32>>,
+    probes: Probes,
 }
 
 impl<E: Environment> Trainer<E> {
@@ -102,6 +103,7 @@ impl<E: Environment> Trainer<E> {
             agent: Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed),
             progress: Progress::default(),
             best_policy: None,
+            probes: evaluate::probes(&environment),
             environment,
             environment_rng,
             config,
@@ -182,7 +184,9 @@ impl<E: Environment> Trainer<E> {
     fn evaluate(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
         let episodes = self.config.evaluation.episodes;
         let policy = self.agent.policy();
-        let score = Score::new(&evaluate(&policy, &self.environment, EVALUATION_SEED, episodes));
+        let gamma = self.config.gamma;
+        let played = evaluate_discounted(&policy, &self.environment, EVALUATION_SEED, episodes, gamma);
+        let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());
         let event = self.progress.count_evaluation(&score, E::SOLVED_RETURN);
         if let Event::Evaluation { best: true, .. } = event {
             self.best_policy = Some(policy);
@@ -190,7 +194,15 @@ impl<E: Environment> Trainer<E> {
                 self.write(&folder.join("best.safetensors"), self.policy_checkpoint())?;
             }
         }
-        self.emit(sink, &event)
+        self.emit(sink, &event)?;
+        if self.agent.replay.is_empty() {
+            return Ok(());
+        }
+        let overestimated =
+            |episode: &Played| episode.expected / self.config.reward_scale - episode.discounted;
+        let overestimation = played.iter().map(overestimated).sum::<f64>() / played.len() as f64;
+        let agent = self.agent.statistics(&self.probes);
+        self.emit(sink, &Event::Statistics { env_steps: self.progress.env_steps, overestimation, agent })
     }
 
     fn save_last(&self, checkpoints: Option<&Path>) -> Result<(), TrainError> {

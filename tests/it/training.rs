@@ -1,6 +1,6 @@
 //! Whole runs: learning, the loop, the same bits.
 
-use cartpole_dqn::agent::{Dqn, Greedy, Policy, Transition};
+use cartpole_dqn::agent::{Dqn, Greedy, Policy, Probes, Transition};
 use cartpole_dqn::checkpoint::{Checkpoint, weights_sha256};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{CartPole, Environment, Step, TimeLimit};
@@ -395,6 +395,64 @@ fn episodes_in_lockstep_are_the_episodes_one_by_one() {
         .collect();
     assert_eq!(evaluate(network, &CartPole::v1(), 9, 150), one_by_one);
     assert!(one_by_one.iter().any(|&value| value != one_by_one[0]), "episodes of several lengths");
+}
+
+#[test]
+fn statistics_of_a_network_of_zeros_are_known() {
+    let mut agent = Dqn::new(config(&["network.hidden=[5]", "reward_scale=0.5"]).dqn(), 4, 2, 0);
+    agent.online.parameters_mut().fill(0.0);
+    agent.target.copy_from(&agent.online.clone());
+    for step in 0..20 {
+        agent.observe(Transition {
+            observation: &[0.1; 4],
+            action: 1,
+            reward: 3.0,
+            next_observation: &[0.2; 4],
+            terminated: step % 5 == 4,
+            truncated: false,
+        });
+    }
+    let probes = Probes { ordinary: vec![vec![1.0; 4]; 3], doomed: vec![vec![-1.0; 4]; 2] };
+    let statistics = agent.statistics(&probes);
+    assert_eq!(statistics.terminal_share, 0.2);
+    assert_eq!((statistics.max_q, statistics.action_gap, statistics.doomed_max_q), (0.0, 0.0, 0.0));
+    assert_eq!(statistics.td_error_quantiles, [3.0; 3]);
+    // The mean of (0 - 1.5)² over the batch has the derivative -3 by the bias of action 1, and 0 by all else.
+    assert!((statistics.gradient_norm - 3.0).abs() < 1e-6);
+    assert_eq!(statistics.dead_relu_share, 1.0);
+
+    // One living unit of five; Q-values 2 and 7 where the sum of the observation is positive, else 0 and 5.
+    let outputs = 5;
+    for input in 0..4 {
+        agent.online.layer_mut(0)[input * outputs] = 0.5;
+    }
+    agent.online.layer_mut(1)[..2].copy_from_slice(&[1.0, 1.0]);
+    agent.online.layer_mut(1)[2 * outputs..].copy_from_slice(&[0.0, 5.0]);
+    let statistics = agent.statistics(&probes);
+    assert_eq!((statistics.max_q, statistics.action_gap), (14.0, 10.0));
+    assert_eq!((statistics.doomed_max_q, statistics.dead_relu_share), (10.0, 0.8));
+}
+
+#[test]
+fn statistics_come_with_every_evaluation() {
+    let mut events: Vec<Event> = Vec::new();
+    smoke(4).run(&mut events, None).unwrap();
+    let evaluations = events.iter().filter(|event| matches!(event, Event::Evaluation { .. })).count();
+    let statistics: Vec<_> = events
+        .iter()
+        .filter_map(|event| {
+            if let Event::Statistics { overestimation, agent, .. } = event {
+                Some((overestimation, agent))
+            } else {
+                None
+            }
+        })
+        .collect();
+    assert_eq!(statistics.len(), evaluations);
+    for (overestimation, agent) in statistics {
+        assert!(overestimation.is_finite() && agent.max_q > 0.0 && agent.gradient_norm > 0.0, "{agent:?}");
+        assert!((0.005..0.1).contains(&agent.terminal_share) && agent.dead_relu_share < 0.9, "{agent:?}");
+    }
 }
 
 #[test]
