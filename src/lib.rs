@@ -11,8 +11,9 @@
 //! | [`checkpoint`] | `.safetensors` files |
 //! | [`sink`] | who takes the events: metrics file, progress bar |
 //! | [`study`] | many runs: every config with every seed |
+//! | [`report`] | what a study or a run amounts to, from files alone |
 //!
-//! The arrows: `rng, env, nn <- agent <- trainer <- study <- cli`.
+//! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
 //!
 //! # Glossary
 //! - *observation, next_observation*: s and s′, what the agent sees before and after an action.
@@ -29,6 +30,7 @@ pub mod config;
 pub mod env;
 pub mod files;
 pub mod nn;
+pub mod report;
 pub mod rng;
 pub mod sink;
 pub mod study;

@@ -2,6 +2,7 @@
 
 mod eval;
 mod inspect;
+mod report;
 mod run_dir;
 mod study;
 mod train;
@@ -32,6 +33,7 @@ enum Command {
     Eval(eval::Arguments),
     Inspect(inspect::Arguments),
     Study(study::Arguments),
+    Report(report::Arguments),
 }
 
 /// Why a command ended without success.
@@ -89,6 +91,7 @@ pub fn run() -> ExitCode {
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
     // A closed stderr leaves nobody to tell.

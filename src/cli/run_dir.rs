@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::Failure;
 use crate::config::{Config, read_file};
 use crate::files::{is_unfinished, write_json};
+use crate::report;
 use crate::sink::JsonLines;
 
 const CONFIG: &str = "config.json";
@@ -86,7 +87,13 @@ impl RunDir {
             let path = entry.path();
             match path.is_dir() {
                 true if path == self.checkpoints() => {}
-                false if own.contains(&path) || is_unfinished(&entry.file_name()) => files.push(path),
+                false
+                    if own.contains(&path)
+                        || is_unfinished(&entry.file_name())
+                        || report::is_part(&entry.file_name()) =>
+                {
+                    files.push(path);
+                }
                 _ => {
                     return Err(format!(
                         "holds {}, which is not of a run; --force replaces a run and nothing else",

@@ -138,7 +138,7 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
     let mut configs: Vec<NamedConfig> = Vec::new();
     for (stem, origin, text) in &sources {
         for variation in &variations {
-            let name = [&[stem.clone()], &variation[..]].concat().join(" ");
+            let name = [std::slice::from_ref(stem), variation].concat().join(" ");
             let sets = [&arguments.set[..], variation].concat();
             let config =
                 Config::from_layers(Some((origin, text)), &sets).map_err(|error| match &variation[..] {

@@ -8,6 +8,7 @@ mod golden_physics;
 mod golden_update;
 mod kernels;
 mod replay;
+mod report;
 mod simd;
 mod study;
 mod training;

@@ -1,0 +1,71 @@
+//! The evaluations of one run: when it solved, what it kept, and its curve.
+
+use serde::Serialize;
+
+use crate::env::{CartPole, Environment, TimeLimit};
+use crate::trainer::Evaluation;
+
+/// Mean return from which CartPole-v1 counts as solved.
+pub const THRESHOLD: f64 = TimeLimit::<CartPole>::SOLVED_RETURN;
+
+fn solves(evaluation: &Evaluation) -> bool {
+    evaluation.mean >= THRESHOLD
+}
+
+/// Environment steps before the first evaluation that solves.
+pub fn steps_to_solve(evaluations: &[Evaluation]) -> Option<u64> {
+    evaluations.iter().find(|evaluation| solves(evaluation)).map(|first| first.env_steps)
+}
+
+/// What a run kept of a solution.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Retention {
+    /// Evaluations after the first that solved.
+    pub evaluations: usize,
+    /// How many of those solved too.
+    pub solved: usize,
+    /// The worst of them, the first of equals.
+    pub worst: Option<Evaluation>,
+    /// How often an evaluation that solved was followed by one that did not.
+    pub collapses: usize,
+}
+
+/// What a run kept; none if it never solved.
+pub fn retention(evaluations: &[Evaluation]) -> Option<Retention> {
+    let first = evaluations.iter().position(solves)?;
+    let after = &evaluations[first + 1..];
+    Some(Retention {
+        evaluations: after.len(),
+        solved: after.iter().filter(|evaluation| solves(evaluation)).count(),
+        worst: after.iter().min_by(|a, b| a.mean.total_cmp(&b.mean)).copied(),
+        collapses: collapses(evaluations).count(),
+    })
+}
+
+/// The pairs of evaluations in which a solution was lost: the last that solved, and the next.
+pub fn collapses(evaluations: &[Evaluation]) -> impl Iterator<Item = (Evaluation, Evaluation)> + '_ {
+    evaluations.windows(2).filter(|pair| solves(&pair[0]) && !solves(&pair[1])).map(|pair| (pair[0], pair[1]))
+}
+
+/// The mean returns at the steps of `grid`: of the latest evaluation until then. A run that failed is worth 0 after its
+/// last evaluation, one that ended early keeps its last policy.
+pub fn on_grid(evaluations: &[Evaluation], failed: bool, grid: &[u64]) -> Vec<f64> {
+    let end = evaluations.last().map_or(0, |last| last.env_steps);
+    let value = |&step: &u64| match evaluations.partition_point(|evaluation| evaluation.env_steps <= step) {
+        0 => 0.0,
+        _ if failed && step > end => 0.0,
+        count => evaluations[count - 1].mean,
+    };
+    grid.iter().map(value).collect()
+}
+
+/// Area under a curve by trapezoids over its width: the mean return during training.
+pub fn area_under_curve(grid: &[u64], curve: &[f64]) -> f64 {
+    let (Some(first), Some(last)) = (grid.first(), grid.last()) else { return 0.0 };
+    if first == last {
+        return curve[0];
+    }
+    let pairs = grid.windows(2).zip(curve.windows(2));
+    let area: f64 = pairs.map(|(x, y)| (x[1] - x[0]) as f64 * (y[0] + y[1]) / 2.0).sum();
+    area / (last - first) as f64
+}

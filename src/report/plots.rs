@@ -1,0 +1,127 @@
+//! The plots of a report.
+
+use super::history::THRESHOLD;
+use super::statistics::Estimate;
+use super::study::ConfigReport;
+use super::svg::Plot;
+use crate::env::{CartPole, Environment, TimeLimit};
+use crate::trainer::Evaluation;
+
+const MAX_RETURN: f64 = TimeLimit::<CartPole>::MAX_RETURN;
+/// The returns a plot shows, with some air above.
+const RETURNS: (f64, f64) = (0.0, MAX_RETURN + 10.0);
+const STEPS: &str = "environment steps";
+
+/// The names of all plots of all reports.
+pub(super) const NAMES: [&str; 5] = [
+    "learning_curves.svg",
+    "performance_profile.svg",
+    "steps_to_solve.svg",
+    "comparison.svg",
+    "learning_curve.svg",
+];
+
+/// The plots of a study: name and content.
+pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, String)> {
+    let [curves, profile, steps, comparison, _] = NAMES;
+    vec![
+        (curves, learning_curves(configs)),
+        (profile, performance_profile(configs)),
+        (steps, steps_to_solve(configs)),
+        (comparison, compare(configs)),
+    ]
+}
+
+/// The plot of a run: its evaluations, and the mean return of the last 100 training episodes.
+pub(super) fn run(evaluations: &[Evaluation], training: &[(f64, f64)]) -> Vec<(&'static str, String)> {
+    let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
+    let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
+    let mut plot = Plot::new("Learning curve", [STEPS, "mean return"], (0.0, end), RETURNS);
+    plot.level(THRESHOLD, "solved");
+    for (series, (points, text)) in
+        [(&points[..], "evaluations"), (training, "last 100 training episodes")].into_iter().enumerate()
+    {
+        plot.line(series, points);
+        plot.legend(series, text);
+    }
+    vec![(NAMES[4], plot.finish())]
+}
+
+fn ends(estimate: &Estimate) -> Option<(f64, f64)> {
+    estimate.low.zip(estimate.high)
+}
+
+fn last_step(configs: &[ConfigReport]) -> f64 {
+    let last = configs.iter().filter_map(|config| config.learning_curve.last()).map(|point| point.env_steps);
+    last.max().unwrap_or(0) as f64
+}
+
+fn legend(plot: &mut Plot, configs: &[ConfigReport]) {
+    for (series, config) in configs.iter().enumerate() {
+        plot.legend(series, &format!("{} ({} seeds)", config.name, config.seeds));
+    }
+}
+
+/// A line and its band, for points (x, estimate).
+fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
+    let band: Option<Vec<_>> =
+        points.iter().map(|(x, estimate)| ends(estimate).map(|(low, high)| (*x, low, high))).collect();
+    if let Some(band) = band {
+        plot.band(series, &band);
+    }
+    plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
+}
+
+fn learning_curves(configs: &[ConfigReport]) -> String {
+    let title = "Learning curves: IQM over seeds, 95 % bootstrap interval";
+    let mut plot =
+        Plot::new(title, [STEPS, "mean return of an evaluation"], (0.0, last_step(configs)), RETURNS);
+    plot.level(THRESHOLD, "solved");
+    for (series, config) in configs.iter().enumerate() {
+        let points: Vec<_> =
+            config.learning_curve.iter().map(|point| (point.env_steps as f64, point.iqm)).collect();
+        line_with_band(&mut plot, series, &points);
+    }
+    legend(&mut plot, configs);
+    plot.finish()
+}
+
+fn performance_profile(configs: &[ConfigReport]) -> String {
+    let title = "Performance profile of the final policies, 95 % Wilson interval";
+    let labels = ["mean return τ", "share of seeds above τ"];
+    let mut plot = Plot::new(title, labels, (0.0, MAX_RETURN), (0.0, 1.02));
+    for (series, config) in configs.iter().enumerate() {
+        let points: Vec<_> =
+            config.performance_profile.iter().map(|point| (point.tau, point.share)).collect();
+        line_with_band(&mut plot, series, &points);
+    }
+    legend(&mut plot, configs);
+    plot.finish()
+}
+
+fn steps_to_solve(configs: &[ConfigReport]) -> String {
+    let end = last_step(configs);
+    let title = "Steps before the first evaluation that solves";
+    let mut plot = Plot::new(title, [STEPS, "share of seeds"], (0.0, end), (0.0, 1.02));
+    for (series, config) in configs.iter().enumerate() {
+        let seeds = config.seeds as f64;
+        let solved = config.steps_to_solve.solved.iter().enumerate();
+        let mut points = vec![(0.0, 0.0)];
+        points.extend(solved.map(|(i, &step)| (step as f64, (i + 1) as f64 / seeds)));
+        points.push((end, config.steps_to_solve.solved.len() as f64 / seeds));
+        plot.steps(series, &points);
+    }
+    legend(&mut plot, configs);
+    plot.finish()
+}
+
+fn compare(configs: &[ConfigReport]) -> String {
+    let title = "IQM of the final policies over seeds, 95 % bootstrap interval";
+    let rows = configs.len() as f64;
+    let mut plot = Plot::new(title, ["mean return", ""], RETURNS, (0.0, rows)).without_y_ticks();
+    for (series, config) in configs.iter().enumerate() {
+        let y = rows - series as f64 - 0.6;
+        plot.interval(series, y, config.final_iqm.value, ends(&config.final_iqm), &config.name);
+    }
+    plot.finish()
+}

@@ -1,0 +1,249 @@
+//! The report of one run: what happened and when, each statement with its numbers.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::history::{self, Retention, THRESHOLD};
+use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots, read};
+use crate::trainer::Evaluation;
+
+/// Name of the file of events.
+pub(super) const METRICS: &str = "metrics.jsonl";
+const CONFIG: &str = "config.json";
+
+/// Samples of a statistic that its usual range is taken from, at least and at most.
+const BASELINE: std::ops::RangeInclusive<usize> = 5..=20;
+/// Standard deviations from the mean of those at which a statistic has moved.
+const MOVED: f64 = 4.0;
+
+/// `report.json` of a run.
+#[derive(Serialize)]
+struct RunReport {
+    format_version: u32,
+    kind: &'static str,
+    threshold: f64,
+    seed: u64,
+    ended: bool,
+    evaluations: usize,
+    solved_at_step: Option<u64>,
+    best: Evaluation,
+    #[serde(rename = "final")]
+    final_: Evaluation,
+    area_under_curve: f64,
+    retention: Option<Retention>,
+    collapses: Vec<Collapse>,
+    statements: Vec<String>,
+}
+
+/// A solution that was lost between two evaluations.
+#[derive(Serialize)]
+struct Collapse {
+    before: Evaluation,
+    after: Evaluation,
+    /// The next evaluation that solved again.
+    recovered: Option<Evaluation>,
+    /// The statistics that left their usual range first; empty if none did, or there are none.
+    moved_first: Vec<Moved>,
+}
+
+/// A statistic that left its usual range.
+#[derive(Clone, Debug, Serialize)]
+struct Moved {
+    statistic: String,
+    env_steps: u64,
+    value: f64,
+    usual_mean: f64,
+    usual_std: f64,
+}
+
+/// A statistic's name → (environment steps, value).
+type Series = BTreeMap<String, Vec<(u64, f64)>>;
+
+/// What the events of a run hold.
+#[derive(Default)]
+struct History {
+    evaluations: Vec<Evaluation>,
+    /// Environment steps, mean return of the last 100 training episodes.
+    training: Vec<(f64, f64)>,
+    statistics: Series,
+    ended: bool,
+}
+
+/// The report of the run in a folder.
+pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
+    let config: Value = parse(&folder.join(CONFIG))?;
+    let seed = config["seed"].as_u64().unwrap_or_default();
+    let path = folder.join(METRICS);
+    let history = History::read(&path)?;
+    let evaluations = &history.evaluations;
+    let best = evaluations.iter().rev().max_by(|a, b| a.mean.total_cmp(&b.mean));
+    let (Some(&best), Some(&final_)) = (best, evaluations.last()) else {
+        return Err(ReportError::new(&path, "holds no evaluation yet"));
+    };
+    let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();
+    let curve: Vec<f64> = evaluations.iter().map(|evaluation| evaluation.mean).collect();
+    let mut report = RunReport {
+        format_version: FORMAT_VERSION,
+        kind: "run",
+        threshold: THRESHOLD,
+        seed,
+        ended: history.ended,
+        evaluations: evaluations.len(),
+        solved_at_step: history::steps_to_solve(evaluations),
+        best,
+        final_,
+        area_under_curve: history::area_under_curve(&grid, &curve),
+        retention: history::retention(evaluations),
+        collapses: history.collapses(),
+        statements: Vec::new(),
+    };
+    report.statements = statements(&report, !history.statistics.is_empty());
+    let name =
+        folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+    let rows = csv(std::iter::once((name.as_deref().unwrap_or("run"), seed, &evaluations[..])));
+    let mut files = vec![(EVALUATIONS, rows)];
+    files.extend(plots::run(evaluations, &history.training));
+    Ok(Report { text: report.statements.join("\n") + "\n", json: json!(report), files })
+}
+
+impl History {
+    fn read(path: &Path) -> Result<Self, ReportError> {
+        let text = read(path)?;
+        let mut history = Self::default();
+        let lines: Vec<&str> = text.lines().collect();
+        for (i, line) in lines.iter().enumerate() {
+            match serde_json::from_str(line) {
+                Ok(event) => history.take(&event),
+                // A run that was killed can leave half a line at the end.
+                Err(_) if i + 1 == lines.len() && !text.ends_with('\n') => {}
+                Err(error) => return Err(ReportError::new(path, format!("line {}: {error}", i + 1))),
+            }
+        }
+        Ok(history)
+    }
+
+    fn take(&mut self, event: &Value) {
+        let Some(env_steps) = event["env_steps"].as_u64() else { return };
+        match (event["event"].as_str(), event["mean"].as_f64(), event["mean_return_100"].as_f64()) {
+            (Some("evaluation"), Some(mean), _) => self.evaluations.push(Evaluation { env_steps, mean }),
+            (Some("episode"), _, Some(mean)) => self.training.push((env_steps as f64, mean)),
+            (Some("end"), ..) => self.ended = true,
+            (Some("evaluation" | "episode"), ..) => {}
+            _ => self.take_statistics("", env_steps, event),
+        }
+    }
+
+    /// Every number in an event of another kind is a statistic, under the path of its key.
+    fn take_statistics(&mut self, path: &str, env_steps: u64, value: &Value) {
+        const COUNTERS: [&str; 4] = ["env_steps", "episodes", "episode", "updates"];
+        if let Some(number) = value.as_f64() {
+            self.statistics.entry(path.to_owned()).or_default().push((env_steps, number));
+        }
+        for (key, member) in value.as_object().into_iter().flatten() {
+            if !COUNTERS.contains(&key.as_str()) {
+                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+                self.take_statistics(&path, env_steps, member);
+            }
+        }
+    }
+
+    fn collapses(&self) -> Vec<Collapse> {
+        let collapse = |(before, after): (Evaluation, Evaluation)| {
+            let is_later = |evaluation: &&Evaluation| evaluation.env_steps > after.env_steps;
+            let mut later = self.evaluations.iter().filter(is_later);
+            let is_end = |evaluation: &&Evaluation| {
+                evaluation.env_steps <= before.env_steps && evaluation.mean < THRESHOLD
+            };
+            let solved_since = self.evaluations.iter().rev().find(is_end).map_or(0, |last| last.env_steps);
+            Collapse {
+                before,
+                after,
+                recovered: later.find(|evaluation| evaluation.mean >= THRESHOLD).copied(),
+                moved_first: moved_first(&self.statistics, solved_since, after.env_steps),
+            }
+        };
+        history::collapses(&self.evaluations).map(collapse).collect()
+    }
+}
+
+/// The statistics that left their usual range first after `start`, until `end`: all that did so at the earliest step.
+fn moved_first(statistics: &Series, start: u64, end: u64) -> Vec<Moved> {
+    let moved: Vec<Moved> =
+        statistics.iter().filter_map(|(name, samples)| first_move(name, samples, start, end)).collect();
+    let earliest = moved.iter().map(|moved| moved.env_steps).min();
+    moved.into_iter().filter(|moved| Some(moved.env_steps) == earliest).collect()
+}
+
+/// The first sample in (start, end] that is further than [`MOVED`] standard deviations from the mean of the
+/// [`BASELINE`] samples before it.
+fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Option<Moved> {
+    let (least, most) = (*BASELINE.start(), *BASELINE.end());
+    (least..samples.len()).find_map(|i| {
+        let (env_steps, value) = samples[i];
+        let usual = &samples[i.saturating_sub(most)..i];
+        let count = usual.len() as f64;
+        let mean = usual.iter().map(|(_, value)| value).sum::<f64>() / count;
+        let variance =
+            usual.iter().map(|(_, value)| (value - mean) * (value - mean)).sum::<f64>() / (count - 1.0);
+        let std = variance.sqrt();
+        let has_moved = env_steps > start && env_steps <= end && (value - mean).abs() > MOVED * std;
+        has_moved.then(|| Moved {
+            statistic: name.into(),
+            env_steps,
+            value,
+            usual_mean: mean,
+            usual_std: std,
+        })
+    })
+}
+
+fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
+    let at = |evaluation: &Evaluation| {
+        format!("mean return {:.1} at step {}", evaluation.mean, evaluation.env_steps)
+    };
+    let RunReport { evaluations, best, final_, .. } = report;
+    let mut said = Vec::new();
+    match report.solved_at_step {
+        None => said.push(format!(
+            "never learned: the best of {evaluations} evaluations is {}, and {THRESHOLD} solves",
+            at(best)
+        )),
+        Some(step) => {
+            said.push(format!("solved at step {step}: the first of {evaluations} evaluations ≥ {THRESHOLD}"))
+        }
+    }
+    for collapse in &report.collapses {
+        let Collapse { before, after, recovered, moved_first } = collapse;
+        let recovery = recovered
+            .map_or("never recovered".into(), |again| format!("solved again at step {}", again.env_steps));
+        said.push(format!(
+            "collapsed at step {}: {}, {} before; {recovery}",
+            after.env_steps,
+            at(after),
+            at(before)
+        ));
+        for Moved { statistic, env_steps, value, usual_mean, usual_std } in moved_first {
+            said.push(format!(
+                "  moved first: {statistic} was {value:.4} at step {env_steps}, {usual_mean:.4} ± {usual_std:.4} before"
+            ));
+        }
+        if has_statistics && moved_first.is_empty() {
+            said.push(format!(
+                "  no statistic left its usual range ({MOVED} standard deviations) before that"
+            ));
+        }
+    }
+    if let Some(Retention { evaluations, solved, worst: Some(worst), collapses }) = &report.retention {
+        said.push(format!(
+            "retained: {solved} of the {evaluations} evaluations after the first solution solve, {collapses} collapses, \
+             the worst is {}",
+            at(worst)
+        ));
+    }
+    said.push(format!("best: {}", at(best)));
+    said.push(format!("final: {}{}", at(final_), if report.ended { "" } else { " (the run has not ended)" }));
+    said
+}

@@ -1,0 +1,385 @@
+//! `report`: the statistics against rliable and by hand, and the command line.
+
+use cartpole_dqn::report::history;
+use cartpole_dqn::report::statistics::{self, Estimate, iqm, mean, median, sorted};
+use cartpole_dqn::trainer::Evaluation;
+use serde_json::{Value, json};
+
+use crate::cli::{Sandbox, TINY, keys, refusals, sets, stdout_json};
+use crate::numbers;
+use crate::study::tree;
+
+/// Ends of intervals may differ from rliable's by this share of the interval: the resamples are others, 2,000 and not
+/// 50,000, and the end of an interval is a quantile of them.
+const INTERVAL_TOLERANCE: f64 = 0.06;
+
+fn agrees(estimate: Estimate, recorded: &Value, what: &str) {
+    let value = recorded["value"].as_f64().unwrap();
+    assert!(
+        (estimate.value - value).abs() <= 1e-12 * value.abs().max(1.0),
+        "{what}: {estimate:?}, {recorded}"
+    );
+    let ends = numbers(&recorded["interval"]);
+    // A statistic of few distinct values jumps from one to the next; the jumps of these samples are below 1.
+    let tolerance = INTERVAL_TOLERANCE * (ends[1] - ends[0]) + 1e-9;
+    for (ours, theirs) in [estimate.low, estimate.high].into_iter().zip(ends) {
+        let ours = ours.unwrap();
+        assert!((ours - theirs).abs() <= tolerance, "{what}: {ours} is not {theirs} ± {tolerance}");
+    }
+}
+
+fn recording() -> Value {
+    serde_json::from_str(include_str!("../data/rliable.json")).unwrap()
+}
+
+#[test]
+fn one_sample_agrees_with_rliable() {
+    for (name, recorded) in recording()["single"].as_object().unwrap() {
+        let scores = sorted(numbers(&recorded["scores"]));
+        agrees(Estimate::of(&scores, iqm), &recorded["iqm"], &format!("{name} iqm"));
+        agrees(Estimate::of(&scores, mean), &recorded["mean"], &format!("{name} mean"));
+        agrees(Estimate::of(&scores, median), &recorded["median"], &format!("{name} median"));
+        let profile = &recorded["profile"];
+        for (tau, share) in numbers(&profile["tau"]).into_iter().zip(numbers(&profile["share"])) {
+            let ours = statistics::count_above(&scores, tau) as f64 / scores.len() as f64;
+            assert!((ours - share).abs() < 1e-12, "{name}: {ours} above {tau}, not {share}");
+        }
+    }
+}
+
+#[test]
+fn two_samples_agree_with_rliable() {
+    let recording = recording();
+    for pair in recording["pairs"].as_array().unwrap() {
+        let scores = |key: &str| {
+            let name = pair[key].as_str().unwrap();
+            sorted(numbers(&recording["single"][name]["scores"]))
+        };
+        let (x, y) = (scores("x"), scores("y"));
+        let what = format!("{} against {}", pair["x"], pair["y"]);
+        let improvement = Estimate::of_two(&x, &y, statistics::probability_of_improvement);
+        agrees(improvement, &pair["probability_of_improvement"], &what);
+        agrees(Estimate::of_two(&x, &y, |x, y| iqm(x) - iqm(y)), &pair["iqm_difference"], &what);
+    }
+}
+
+#[test]
+fn the_iqm_drops_a_quarter_at_either_end() {
+    let of = |values: &[f64]| iqm(&sorted(values.iter().copied()));
+    assert_eq!(of(&[7.0]), 7.0);
+    assert_eq!(of(&[500.0, 1.0, 9.0]), 170.0);
+    assert_eq!(of(&[500.0, 1.0, 9.0, 11.0]), 10.0);
+    assert_eq!(of(&[1.0, 500.0, 2.0, 3.0, 4.0, 9.0, 499.0, 0.0]), 4.5);
+}
+
+#[test]
+fn the_wilson_interval_is_wilsons() {
+    // scipy 1.17.1: binomtest(count, total).proportion_ci(method="wilson").
+    for (count, total, low, high) in [
+        (8, 10, 0.490_162_47, 0.943_317_85),
+        (0, 10, 0.0, 0.277_532_80),
+        (10, 10, 0.722_467_20, 1.0),
+        (998, 1000, 0.992_737_19, 0.999_451_36),
+    ] {
+        let (a, b) = statistics::wilson(count, total);
+        assert!((a - low).abs() < 1e-8 && (b - high).abs() < 1e-8, "{count}/{total}: {a} {b}");
+    }
+}
+
+#[test]
+fn quantiles_of_steps_count_never_as_infinite() {
+    let solved = [1000, 2000, 3000, 4000, 5000, 6000, 7000, 8000];
+    let quantiles = [0.1, 0.25, 0.5, 0.8, 0.9].map(|q| statistics::censored_quantile(&solved, 10, q));
+    assert_eq!(quantiles, [Some(1000), Some(3000), Some(5000), Some(8000), None]);
+    assert_eq!(statistics::censored_quantile(&[], 10, 0.1), None);
+}
+
+#[test]
+fn intervals_take_ten_seeds() {
+    let scores = |count: u32| sorted((0..count).map(f64::from));
+    for (estimate, has_interval) in [
+        (Estimate::of(&scores(9), mean), false),
+        (Estimate::of(&scores(10), mean), true),
+        (Estimate::of_two(&scores(9), &scores(20), statistics::probability_of_improvement), false),
+        (Estimate::share(5, 9), false),
+        (Estimate::share(5, 10), true),
+    ] {
+        assert_eq!((estimate.low.is_some(), estimate.high.is_some()), (has_interval, has_interval));
+    }
+}
+
+fn evaluations(means: &[f64]) -> Vec<Evaluation> {
+    means.iter().zip(1..).map(|(&mean, i)| Evaluation { env_steps: 100 * i, mean }).collect()
+}
+
+#[test]
+fn the_course_of_a_run_by_hand() {
+    let run = evaluations(&[10.0, 475.0, 500.0, 474.9, 480.0, 100.0, 90.0]);
+    assert_eq!(history::steps_to_solve(&run), Some(200));
+    let kept = history::retention(&run).unwrap();
+    assert_eq!((kept.evaluations, kept.solved, kept.collapses), (5, 2, 2));
+    assert_eq!(kept.worst, Some(Evaluation { env_steps: 700, mean: 90.0 }));
+    let never = evaluations(&[10.0, 474.9]);
+    assert!(history::retention(&never).is_none() && history::steps_to_solve(&never).is_none());
+
+    let grid = [50, 100, 250, 300, 400];
+    assert_eq!(history::on_grid(&run[..3], false, &grid), [0.0, 10.0, 475.0, 500.0, 500.0]);
+    assert_eq!(history::on_grid(&run[..3], true, &grid), [0.0, 10.0, 475.0, 500.0, 0.0]);
+    // (0 + 10)/2 · 50 + (10 + 475)/2 · 150 + (475 + 500)/2 · 50 + 500 · 100 = 111,000, over 350 steps.
+    let area = history::area_under_curve(&grid, &[0.0, 10.0, 475.0, 500.0, 500.0]);
+    assert!((area - 111_000.0 / 350.0).abs() < 1e-12);
+    assert_eq!(history::area_under_curve(&[100], &[7.0]), 7.0);
+}
+
+/// A study by hand: per config its name and the final scores of the seeds from 0; `None` for a failed run.
+fn write_study(sandbox: &Sandbox, configs: &[(&str, &[Option<f64>])]) {
+    let manifest: Vec<Value> = configs.iter().map(|(name, _)| json!({"name": name, "config": {}})).collect();
+    let seeds = configs[0].1.len();
+    let manifest = json!({"format_version": 1, "version": "0", "configs": manifest, "seeds": {"start": 0, "end": seeds}});
+    sandbox.write("s/study.json", manifest.to_string());
+    for (i, (name, scores)) in configs.iter().enumerate() {
+        for (seed, score) in scores.iter().enumerate() {
+            let policy = |mean: f64| json!({"env_steps": 200, "mean": mean, "std": 0.0, "min": 0.0, "median": 0.0, "max": 500.0});
+            let evaluations = match score {
+                Some(score) => json!([{"env_steps": 100, "mean": 480.0}, {"env_steps": 200, "mean": score}]),
+                None => json!([{"env_steps": 100, "mean": 10.0}]),
+            };
+            let trial = json!({
+                "config": name,
+                "seed": seed,
+                "error": score.map_or(json!("diverged"), |_| Value::Null),
+                "summary": null,
+                "best": policy(score.unwrap_or(10.0).max(480.0)),
+                "final": score.map(policy),
+                "evaluations": evaluations,
+            });
+            sandbox.write(&format!("s/trials/{i}/{seed}.json"), trial.to_string());
+        }
+    }
+}
+
+const GOOD: [Option<f64>; 12] = [
+    Some(500.0),
+    Some(500.0),
+    Some(500.0),
+    Some(499.0),
+    Some(498.0),
+    Some(475.0),
+    Some(474.0),
+    Some(300.0),
+    Some(100.0),
+    Some(10.0),
+    None,
+    Some(500.0),
+];
+const BAD: [Option<f64>; 12] = [Some(100.0); 12];
+
+#[test]
+fn the_report_of_a_study_by_hand() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("bad", &BAD), ("good, \"better\"", &GOOD)]);
+    let printed = stdout_json(&sandbox.run(&["report", "s", "--json"]).success());
+    let report = sandbox.json("s/report.json");
+    assert_eq!(printed, report);
+    assert_eq!(
+        [&report["kind"], &report["trials"], &report["finished"], &report["failed"]],
+        [&json!("study"), &json!(24), &json!(24), &json!(1)]
+    );
+    let good = &report["configs"][1];
+    let counts = ["seeds", "failed", "final_solved", "best_solved"].map(|key| good[key].as_u64().unwrap());
+    assert_eq!(counts, [12, 1, 7, 12]);
+    // Sorted: 0 10 100 | 300 474 475 498 499 500 | 500 500 500.
+    let iqm = (300.0 + 474.0 + 475.0 + 498.0 + 499.0 + 500.0) / 6.0;
+    assert!((good["final_iqm"]["value"].as_f64().unwrap() - iqm).abs() < 1e-12);
+    assert_eq!(good["final_median"]["value"], 486.5);
+    assert!((good["final_mean"]["value"].as_f64().unwrap() - 4356.0 / 12.0).abs() < 1e-12);
+    let low = good["final_iqm"]["low"].as_f64().unwrap();
+    assert!(low < iqm && iqm < good["final_iqm"]["high"].as_f64().unwrap());
+    assert_eq!(
+        good["steps_to_solve"],
+        json!({"q10": 100, "q25": 100, "q50": 100, "q75": 100, "q90": 100, "never": 1})
+    );
+    assert_eq!(good["retention"]["share"], 7.0 / 11.0);
+    assert_eq!(good["retention"]["worst"], json!({"seed": 9, "env_steps": 200, "mean": 10.0}));
+    assert_eq!(
+        (&good["retention"]["collapses"], &good["retention"]["collapsed_seeds"]),
+        (&json!(4), &json!(4))
+    );
+    let curve: Vec<&Value> =
+        good["learning_curve"].as_array().unwrap().iter().map(|point| &point["value"]).collect();
+    assert_eq!(curve, [&json!(480.0), &json!(iqm)]);
+    // Above τ = 470 and 475: 474 only above the first.
+    let profile = |tau: f64| {
+        let points = good["performance_profile"].as_array().unwrap();
+        points.iter().find(|point| point["tau"] == tau).unwrap()["value"].as_f64().unwrap() * 12.0
+    };
+    assert_eq!([profile(470.0).round(), profile(475.0).round()], [8.0, 6.0]);
+    let comparison = &report["comparisons"][0];
+    assert_eq!((&comparison["config"], &comparison["against"]), (&good["name"], &json!("bad")));
+    // 9 of 12 above 100, one equal.
+    assert_eq!(comparison["probability_of_improvement"]["value"], 9.5 / 12.0);
+    assert!((comparison["iqm_difference"]["value"].as_f64().unwrap() - (iqm - 100.0)).abs() < 1e-12);
+    assert!(report["warnings"][0].as_str().unwrap().contains("1 seeds failed"));
+
+    let csv = sandbox.read("s/evaluations.csv");
+    let lines: Vec<&str> = csv.lines().collect();
+    assert_eq!(lines[..3], ["config,seed,env_steps,mean_return", "bad,0,100,480", "bad,0,200,100"]);
+    assert_eq!(lines[25], "\"good, \"\"better\"\"\",0,100,480");
+    assert_eq!(lines.len(), 1 + 24 * 2 - 1);
+}
+
+#[test]
+fn a_report_is_the_same_bytes_again_and_can_go_elsewhere() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("a <&> b", &GOOD), ("bad", &BAD)]);
+    let study = tree(&sandbox, "s");
+    for out in ["one", "two"] {
+        let printed = sandbox.run(&["report", "s", "--out", out]).success();
+        let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
+        assert!(printed.contains("bad against a <&> b: probability of improvement 0.208 ["), "{printed}");
+        assert!(printed.contains("7 [32.0, 80.7 %]"), "{printed}");
+    }
+    assert!(study == tree(&sandbox, "s"));
+    let one = tree(&sandbox, "one");
+    assert!(one == tree(&sandbox, "two"));
+    let plots = ["comparison.svg", "learning_curves.svg", "performance_profile.svg", "steps_to_solve.svg"];
+    for plot in plots {
+        let svg = sandbox.read(&format!("one/{plot}"));
+        assert!(svg.starts_with("<svg xmlns=") && svg.ends_with("</svg>\n"), "{svg}");
+        assert!(svg.contains("a &lt;&amp;&gt; b") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+    assert_eq!(one.len(), 1 + plots.len() + 2);
+}
+
+#[test]
+fn fewer_than_ten_seeds_have_no_intervals_and_the_report_says_so() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("few", &GOOD[..9]), ("bad", &BAD[..9])]);
+    let printed = sandbox.run(&["report", "s"]).success();
+    let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
+    assert!(
+        printed.contains("9 seeds are fewer than 10; an interval over so few would mislead"),
+        "{printed}"
+    );
+    fn null_intervals(value: &Value) -> usize {
+        let own =
+            usize::from(value.get("low") == Some(&Value::Null) && value.get("high") == Some(&Value::Null));
+        assert!(value.get("low").is_none() || own == 1, "{value}");
+        let members = value.as_object().into_iter().flat_map(|map| map.values());
+        own + members.chain(value.as_array().into_iter().flatten()).map(null_intervals).sum::<usize>()
+    }
+    assert!(null_intervals(&sandbox.json("s/report.json")) > 10);
+}
+
+#[test]
+fn an_unfinished_study_is_reported_as_such_and_goes_on_after_the_report() {
+    let sandbox = Sandbox::new();
+    let study = [&["study", "--quiet", "--seeds", "0..3", "--out", "s"], &sets(TINY)[..]].concat();
+    sandbox.run(&study).success();
+    let whole = tree(&sandbox, "s");
+    std::fs::remove_file(sandbox.path("s/trials/0/1.json")).unwrap();
+    sandbox.run(&["report", "s", "--out", "elsewhere"]).success();
+    assert!(sandbox.read("elsewhere/report.json").contains("2 of 3 seeds are finished"));
+    sandbox.run(&["report", "s"]).success();
+    sandbox.run(&study).success();
+    assert!(whole.iter().all(|(path, content)| tree(&sandbox, "s").get(path) == Some(content)));
+}
+
+/// A run by hand: a statistic that is quiet until step 1500, and these evaluations every 100 steps.
+fn write_run(sandbox: &Sandbox, means: &[f64]) {
+    let mut lines = Vec::new();
+    for (i, mean) in (1..).zip(means) {
+        let step = 100 * i;
+        let loss = if step >= 1500 { 9.0 } else { 1.0 + 0.1 * f64::from(i % 3) };
+        lines.push(
+            json!({"event": "statistics", "env_steps": step, "updates": step * i, "td_error": {"q90": loss}}),
+        );
+        lines.push(json!({"event": "episode", "env_steps": step, "mean_return_100": mean, "return": 1.0}));
+        lines.push(json!({"event": "evaluation", "env_steps": step, "mean": mean}));
+    }
+    let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    sandbox.write("r/metrics.jsonl", text + "{\"event\": \"eval");
+    sandbox.write("r/config.json", "{\"seed\": 7}");
+}
+
+#[test]
+fn the_report_of_a_run_says_what_happened_and_when() {
+    let sandbox = Sandbox::new();
+    let mut means = [10.0; 5].to_vec();
+    means.extend([480.0; 10]);
+    means.extend([120.0, 500.0]);
+    write_run(&sandbox, &means);
+    let printed = sandbox.run(&["report", "r"]).success();
+    let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
+    for statement in [
+        "solved at step 600: the first of 17 evaluations ≥ 475\n",
+        "collapsed at step 1600: mean return 120.0 at step 1600, mean return 480.0 at step 1500 before; solved again at step 1700\n",
+        "  moved first: td_error.q90 was 9.0000 at step 1500, 1.1071 ± 0.0829 before\n",
+        "retained: 10 of the 11 evaluations after the first solution solve, 1 collapses, the worst is mean return 120.0",
+        "best: mean return 500.0 at step 1700\n",
+        "final: mean return 500.0 at step 1700 (the run has not ended)\n",
+    ] {
+        assert!(printed.contains(statement), "{statement:?} not in {printed}");
+    }
+    let report = sandbox.json("r/report.json");
+    assert_eq!(
+        (&report["kind"], &report["seed"], &report["solved_at_step"]),
+        (&json!("run"), &json!(7), &json!(600))
+    );
+    assert_eq!(report["collapses"][0]["moved_first"][0]["statistic"], "td_error.q90");
+    assert_eq!(sandbox.read("r/evaluations.csv").lines().nth(1), Some("r,7,100,10"));
+    assert!(sandbox.read("r/learning_curve.svg").contains("last 100 training episodes"));
+}
+
+#[test]
+fn a_run_that_never_learned_is_called_so() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run"]).success();
+    let report = stdout_json(&sandbox.run(&["report", "run", "--json"]).success());
+    assert!(
+        report["statements"][0]
+            .as_str()
+            .unwrap()
+            .starts_with("never learned: the best of 2 evaluations is mean")
+    );
+    let expected = [
+        "area_under_curve",
+        "best",
+        "collapses",
+        "ended",
+        "evaluations",
+        "final",
+        "format_version",
+        "kind",
+        "retention",
+        "seed",
+        "solved_at_step",
+        "statements",
+        "threshold",
+    ];
+    assert_eq!(keys(&report), expected);
+    // The report is part of the run: --force may replace both.
+    sandbox.train(&["--out", "run", "--force"]).success();
+    assert!(!sandbox.path("run/report.json").exists());
+}
+
+const RUN: [&str; 2] = ["report", "r"];
+
+refusals! {
+    refuses_a_report_of_nothing: [], ["report"] => ["DIR"];
+    refuses_a_report_of_a_missing_folder: [], RUN => ["r: is no study", "study.json", "metrics.jsonl"];
+    refuses_a_report_of_something_else: [("r/notes.txt", b"mine")], RUN => ["r: is no study"];
+    refuses_a_study_of_another_format:
+        [("r/study.json", b"{\"format_version\": 99, \"configs\": [], \"seeds\": {\"start\": 0, \"end\": 1}}")], RUN
+        => ["r/study.json", "format_version 99", "reads 1"];
+    refuses_a_study_without_a_trial:
+        [("r/study.json", b"{\"format_version\": 1, \"configs\": [{\"name\": \"a\"}], \"seeds\": {\"start\": 0, \"end\": 1}}")],
+        RUN => ["no trial of config \"a\"", "command first"];
+    refuses_a_damaged_trial:
+        [("r/study.json", b"{\"format_version\": 1, \"configs\": [{\"name\": \"a\"}], \"seeds\": {\"start\": 0, \"end\": 1}}"),
+         ("r/trials/0/0.json", b"{\"config\"")], RUN => ["r/trials/0/0.json", "line 1"];
+    refuses_a_run_without_an_evaluation:
+        [("r/config.json", b"{}"), ("r/metrics.jsonl", b"")], RUN => ["r/metrics.jsonl", "no evaluation"];
+    refuses_damaged_metrics:
+        [("r/config.json", b"{}"), ("r/metrics.jsonl", b"{}\nx\n")], RUN => ["r/metrics.jsonl", "line 2"];
+}
