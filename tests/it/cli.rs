@@ -35,6 +35,11 @@ pub(crate) const DIVERGING: &[&str] = &[
     "learn.every_steps=1",
     "learn.updates=1",
     "gamma=1",
+    "double=false",
+    "n_step=1",
+    "reward_scale=1",
+    "optimizer.schedule=null",
+    "policy_weights=online",
     "target={\"kind\":\"none\"}",
     "evaluation.episodes=1",
 ];
@@ -173,9 +178,9 @@ refusals! {
     refuses_a_gamma_above_one: [], ["train", "--set", "gamma=1.5"] => ["`gamma`", "1.5", "from 0 to 1"];
     refuses_a_layer_of_size_zero: [], ["train", "--set", "network.hidden=[24,0]"] => ["`network.hidden`", "[24,0]"];
     refuses_a_batch_larger_than_the_memory:
-        [], ["train", "--set", "replay.capacity=16"] => ["`replay.batch_size` is 64", "`replay.capacity`", "16"];
+        [], ["train", "--set", "replay.capacity=16"] => ["`replay.batch_size` is 32", "`replay.capacity`", "16"];
     refuses_a_budget_that_ends_before_learning:
-        [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1024", "`replay.warmup_steps`"];
+        [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1001", "`replay.warmup_steps`"];
     refuses_a_missing_config: [], CONFIG => ["my.json", "No such file"];
     refuses_a_folder_as_config: [("my.json/x", b"")], CONFIG => ["my.json", "directory", "takes a JSON file"];
     refuses_an_out_that_is_a_file: [("f", b"mine")], ["train", "--out", "f"] => ["f is a file", "--out"];
