@@ -1,48 +1,23 @@
-//! One DQN update as a share of the machine's peak, both measured in turns in the same run.
+//! One DQN update as a share of the machine's peak, both measured in turns in the same run; and what a training step
+//! and an evaluation cost beside it. The update is checked against the naive reference first.
+//!
+//! `cargo bench --bench update -- 4-24-24-2` measures the update of that network alone.
 #![allow(clippy::unwrap_used, missing_docs)]
+
+mod common;
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use cartpole_dqn::agent::{Dqn, Transition};
 use cartpole_dqn::config::Config;
+use cartpole_dqn::env::CartPole;
 use cartpole_dqn::nn::kernels::{Path, fast};
-use cartpole_dqn::rng::Rng;
+use cartpole_dqn::trainer::{EVALUATION_SEED, Event, Trainer, evaluate};
+use common::{agent, balancer, flop, median, seconds_of_one};
 
 /// Hidden layers and batch size.
 const SIZES: [([usize; 2], usize); 4] = [([24, 24], 32), ([64, 64], 64), ([120, 84], 128), ([256, 256], 64)];
 const ROUNDS: usize = 31;
-
-fn agent(hidden: [usize; 2], batch: usize) -> Dqn {
-    let sets = [
-        format!("network.hidden={hidden:?}"),
-        format!("replay.batch_size={batch}"),
-        "replay.capacity=2000".into(),
-    ];
-    let mut agent = Dqn::new(Config::from_layers(None, &sets).unwrap().dqn(), 4, 2, 0);
-    let mut rng = Rng::from_seed(1);
-    let mut observation = [0.0; 4];
-    for step in 0..10_000 {
-        let next_observation = std::array::from_fn(|_| rng.uniform(-1.0, 1.0) as f32);
-        agent.observe(Transition {
-            observation: &observation,
-            action: rng.below(2) as usize,
-            reward: 1.0,
-            next_observation: &next_observation,
-            terminated: step % 50 == 0,
-            truncated: false,
-        });
-        observation = next_observation;
-    }
-    agent
-}
-
-/// Multiplications and additions of an update: the products of two forwards and a backward.
-fn flop(hidden: [usize; 2], batch: usize) -> f64 {
-    let sizes = [4, hidden[0], hidden[1], 2];
-    let products: usize = sizes.windows(2).map(|pair| pair[0] * pair[1]).sum();
-    (2 * (4 * products - sizes[0] * sizes[1]) * batch) as f64
-}
 
 /// Multiply-add rate of the machine in FLOP/s.
 fn peak(path: Path) -> f64 {
@@ -52,46 +27,92 @@ fn peak(path: Path) -> f64 {
     2.0 * multiply_adds as f64 / start.elapsed().as_secs_f64()
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+fn update(name: &str, hidden: [usize; 2], batch: usize) {
+    let path = Path::current();
+    let mut agent = agent(&hidden, batch);
+    let flop = flop(&hidden, batch);
+    let repeats = (4e7 / flop) as u32 + 1;
+    let (mut seconds, mut peaks, mut shares) = (vec![], vec![], vec![]);
+    for round in 0..=ROUNDS {
+        let peak = peak(path);
+        let update = seconds_of_one(repeats, || {
+            black_box(agent.learn().unwrap());
+        });
+        // The first round warms up.
+        if round > 0 {
+            seconds.push(update);
+            peaks.push(peak);
+            shares.push(flop / update / peak);
+        }
+    }
+    let (update, peak, share) = (median(seconds), median(peaks), median(shares));
+    println!(
+        "{name:>12} {batch:>6} {:>10.3} {:>10.1} {:>10.1} {:>6.1}%",
+        update * 1e6,
+        flop / update / 1e9,
+        peak / 1e9,
+        share * 100.0
+    );
+}
+
+/// A training step and an evaluation of 100 episodes of 500 steps, at 4-24-24-2, batch 32 and one update a step, in
+/// turns with the update of a copy of the same agent.
+fn beside_the_update() {
+    const NEVER: u64 = u64::MAX;
+    let sets = [
+        "replay.capacity=2000".into(),
+        format!("budget.steps={NEVER}"),
+        format!("evaluation.every_steps={NEVER}"),
+        format!("checkpoint.every_steps={NEVER}"),
+    ];
+    let mut trainer = Trainer::new(Config::from_layers(None, &sets).unwrap(), CartPole::v1());
+    // The events of a step are taken and dropped, as a sink does.
+    let mut events: Vec<Event> = Vec::new();
+    // ε has reached its end after 10,000 steps.
+    for _ in 0..12_000 {
+        trainer.step(&mut events, None).unwrap();
+    }
+    let mut agent = trainer.agent().clone();
+    let balancer = balancer();
+    let (mut updates, mut steps, mut outside, mut evaluations) = (vec![], vec![], vec![], vec![]);
+    for _ in 0..ROUNDS {
+        let update = seconds_of_one(2000, || {
+            black_box(agent.learn().unwrap());
+        });
+        let step = seconds_of_one(2000, || trainer.step(&mut events, None).unwrap());
+        events.clear();
+        let evaluation = seconds_of_one(1, || {
+            assert_eq!(evaluate(&balancer, &CartPole::v1(), EVALUATION_SEED, 100), [500.0; 100]);
+        });
+        updates.push(update);
+        steps.push(step);
+        outside.push(1.0 - update / step);
+        evaluations.push(evaluation / update);
+    }
+    println!(
+        "training step {:.3} us, its update {:.3} us: {:.1}% outside the update",
+        median(steps) * 1e6,
+        median(updates) * 1e6,
+        median(outside) * 100.0
+    );
+    println!("evaluation of 100 episodes of 500 steps: as long as {:.0} updates", median(evaluations));
 }
 
 fn main() {
-    let path = Path::current();
-    println!("path {path:?}");
+    // `cargo bench` passes --bench.
+    let only = std::env::args().skip(1).find(|argument| argument != "--bench");
+    println!("path {:?}", Path::current());
     println!(
         "{:>12} {:>6} {:>10} {:>10} {:>10} {:>7}",
         "network", "batch", "us/update", "GFLOP/s", "peak", "share"
     );
-    let only = std::env::var("ONLY").ok().and_then(|n| n.parse().ok());
-    for (hidden, batch) in SIZES.into_iter().take(only.unwrap_or(4)) {
-        let mut agent = agent(hidden, batch);
-        let flop = flop(hidden, batch);
-        let repeats = (4e7 / flop) as u32 + 1;
-        let (mut seconds, mut peaks, mut shares) = (vec![], vec![], vec![]);
-        for round in 0..=ROUNDS {
-            let peak = peak(path);
-            let start = Instant::now();
-            for _ in 0..repeats {
-                black_box(agent.learn().unwrap());
-            }
-            let update = start.elapsed().as_secs_f64() / f64::from(repeats);
-            // The first round warms up.
-            if round > 0 {
-                seconds.push(update);
-                peaks.push(peak);
-                shares.push(flop / update / peak);
-            }
+    for (hidden, batch) in SIZES {
+        let name = format!("4-{}-{}-2", hidden[0], hidden[1]);
+        if only.as_ref().is_none_or(|only| *only == name) {
+            update(&name, hidden, batch);
         }
-        let (update, peak, share) = (median(seconds), median(peaks), median(shares));
-        println!(
-            "{:>12} {batch:>6} {:>10.3} {:>10.1} {:>10.1} {:>6.1}%",
-            format!("4-{}-{}-2", hidden[0], hidden[1]),
-            update * 1e6,
-            flop / update / 1e9,
-            peak / 1e9,
-            share * 100.0
-        );
+    }
+    if only.is_none() {
+        beside_the_update();
     }
 }
