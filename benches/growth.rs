@@ -5,26 +5,55 @@
 mod common;
 
 use std::hint::black_box;
+use std::process::Command;
 
-use cartpole_dqn::agent::{Replay, Transition};
+use cartpole_dqn::agent::{Dqn, Replay, Transition};
 use cartpole_dqn::env::{CartPole, Environment};
 use cartpole_dqn::rng::Rng;
-use common::{agent, flop, median, seconds_of_one};
+use common::{agent, flop, seconds_of_one};
 
-const ROUNDS: usize = 15;
+const ROUNDS: usize = 25;
 
-fn update(series: &str, hidden: &[usize], batch: usize) {
-    let mut agent = agent(hidden, batch);
-    let flop = flop(hidden, batch);
-    let repeats = (4e7 / flop) as u32 + 1;
-    let mut learn = || {
-        black_box(agent.learn().unwrap());
-    };
-    learn();
-    let seconds = (0..ROUNDS).map(|_| seconds_of_one(repeats, &mut learn)).collect();
-    let (width, depth) = (hidden.first().unwrap_or(&0), hidden.len());
-    let parameters = agent.online.parameters().len();
-    println!("{series},{width},{depth},{batch},{flop},{parameters},{:.3}", median(seconds) * 1e6);
+/// A point of a series, and the fastest of the rounds: what else runs on the machine can only add to it.
+struct Point {
+    series: &'static str,
+    hidden: Vec<usize>,
+    batch: usize,
+    agent: Dqn,
+    seconds: f64,
+}
+
+impl Point {
+    fn new(series: &'static str, hidden: Vec<usize>, batch: usize) -> Self {
+        Self { agent: agent(&hidden, batch), series, hidden, batch, seconds: f64::INFINITY }
+    }
+
+    fn measure(&mut self) {
+        let repeats = (4e7 / flop(&self.hidden, self.batch)) as u32 + 1;
+        let seconds = seconds_of_one(repeats, || {
+            black_box(self.agent.learn().unwrap());
+        });
+        self.seconds = self.seconds.min(seconds);
+    }
+
+    fn print(&self) {
+        let Self { series, hidden, batch, agent, seconds } = self;
+        let (width, depth, flop) = (hidden[0], hidden.len(), flop(hidden, *batch));
+        let parameters = agent.online.parameters().len();
+        println!("{series},{width},{depth},{batch},{flop},{parameters},{:.3}", seconds * 1e6);
+    }
+}
+
+fn updates() {
+    let widths = [16, 32, 64, 128, 256, 512, 1024].map(|width| Point::new("width", vec![width; 2], 64));
+    let batches = [8, 16, 32, 64, 128, 256, 512, 1024].map(|batch| Point::new("batch", vec![64; 2], batch));
+    let depths = (1..=6).map(|depth| Point::new("depth", vec![64; depth], 64));
+    let mut points: Vec<Point> = widths.into_iter().chain(batches).chain(depths).collect();
+    for _ in 0..ROUNDS {
+        points.iter_mut().for_each(Point::measure);
+    }
+    println!("series,width,depth,batch,flop,parameters,us_per_update");
+    points.iter().for_each(Point::print);
 }
 
 /// Resident memory of this process in bytes; Linux only.
@@ -65,20 +94,28 @@ fn bytes_per_transition(capacity: usize, epsilon: f64) -> f64 {
     bytes / (copies * capacity) as f64
 }
 
+/// Each measurement in a process of its own, where no memory is left from another.
+fn bytes_in_a_child(capacity: usize, epsilon: f64) -> String {
+    let arguments = [capacity.to_string(), epsilon.to_string()];
+    let child = Command::new(std::env::current_exe().unwrap()).args(arguments).output().unwrap();
+    assert!(child.status.success());
+    String::from_utf8(child.stdout).unwrap()
+}
+
 fn main() {
-    println!("series,width,depth,batch,flop,parameters,us_per_update");
-    for width in [16, 32, 64, 128, 256, 512, 1024] {
-        update("width", &[width; 2], 64);
+    // `cargo bench` passes --bench.
+    let arguments: Vec<f64> = std::env::args().skip(1).filter_map(|argument| argument.parse().ok()).collect();
+    if let [capacity, epsilon] = arguments[..] {
+        print!("{:.2}", bytes_per_transition(capacity as usize, epsilon));
+        return;
     }
-    for batch in [8, 16, 32, 64, 128, 256, 512, 1024] {
-        update("batch", &[64; 2], batch);
-    }
-    for depth in 1..=6 {
-        update("depth", &vec![64; depth], 64);
-    }
+    updates();
     println!("\nseries,capacity,bytes_per_transition_trained,bytes_per_transition_random");
     for capacity in [1_000, 10_000, 100_000, 1_000_000, 10_000_000] {
-        let (trained, random) = (bytes_per_transition(capacity, 0.05), bytes_per_transition(capacity, 1.0));
-        println!("replay,{capacity},{trained:.2},{random:.2}");
+        println!(
+            "replay,{capacity},{},{}",
+            bytes_in_a_child(capacity, 0.05),
+            bytes_in_a_child(capacity, 1.0)
+        );
     }
 }

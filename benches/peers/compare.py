@@ -22,11 +22,20 @@ UNITS = {"ns": 1e-3, "µs": 1.0, "ms": 1e3, "s": 1e6}
 SIZES = [([24, 24], 32), ([64, 64], 64), ([120, 84], 128), ([256, 256], 64)]
 
 
-def cargo(*arguments):
+def build(name, *command):
     """Builds a target and returns its executable."""
-    command = ["cargo", *arguments, "--message-format=json"]
+    command = ["cargo", *command, name, "--message-format=json"]
     lines = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()
-    return [built for line in lines if (built := json.loads(line).get("executable"))][-1]
+    artifacts = [m for m in map(json.loads, lines) if m.get("executable") and m["target"]["name"] == name]
+    return artifacts[-1]["executable"]
+
+
+def build_bench(name):
+    return build(name, "bench", "--no-run", "--bench")
+
+
+def build_binary():
+    return build("cartpole-dqn", "build", "--release", "--bin")
 
 
 def output(*command):
@@ -41,7 +50,7 @@ def our_update(program, name):
 
 def our_micro(program, name):
     """µs, divan's median of benches/micro.rs."""
-    row = next(line for line in output(program, "--bench", "--exact", name).splitlines() if f" {name} " in line)
+    row = next(line for line in output(program, "--bench", name).splitlines() if f" {name} " in line)
     value, unit = re.findall(r"([\d.]+) (ns|µs|ms|s)\b", row)[2]
     return float(value) * UNITS[unit]
 
@@ -78,7 +87,7 @@ def compare(what, ours, theirs, rounds=5):
 
 
 def update():
-    program = cargo("bench", "--bench", "update", "--no-run")
+    program = build_bench("update")
     torch, jax, keras = map(Peer, ("torch_dqn", "jax_dqn", "keras_dqn"))
     for hidden, batch in SIZES:
         name = "-".join(map(str, [4, *hidden, 2]))
@@ -91,7 +100,7 @@ def update():
 
 
 def single():
-    program = cargo("bench", "--bench", "micro", "--no-run")
+    program = build_bench("micro")
     torch, gymnasium = Peer("torch_dqn"), Peer("gymnasium_steps")
     forward = {"PyTorch": torch.measure("forwards", (), 5000)}
     compare("forward of 1", lambda: our_micro(program, "forward"), forward)
@@ -110,9 +119,9 @@ def child(*command):
     return out, time.perf_counter() - start, usage.ru_maxrss / 1024
 
 
-def our_training(binary, config, *sets):
+def our_training(binary, config, *sets, folder=None):
     """Summary, seconds of the whole process and peak memory in MB of a run."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir=folder) as folder:
         arguments = [argument for key in sets for argument in ("--set", key)]
         run = ("train", "--config", config, "--out", f"{folder}/run", "--quiet", "--json")
         out, seconds, memory = child(binary, *run, *arguments)
@@ -121,7 +130,7 @@ def our_training(binary, config, *sets):
 
 def training():
     """Whole runs. Theirs is cut short, and its steps/s taken to the whole run; ours is whole."""
-    binary = cargo("build", "--release", "--bin", "cartpole-dqn")
+    binary = build_binary()
     short, warmup, whole = 50_000, 10_000, 500_000
     for _ in range(2):
         summary, _, memory = our_training(binary, HERE / "cleanrl.json")
@@ -143,11 +152,12 @@ def training():
 
 
 def startup():
-    binary = cargo("build", "--release", "--bin", "cartpole-dqn")
-    one_step = ("replay.warmup_steps=0", "replay.batch_size=1", "budget.steps=1", "evaluation.episodes=1")
-    whole_run = lambda: our_training(binary, HERE / "cleanrl.json", "exploration.steps=1", *one_step)[1] * 1e6
+    """A whole run of one step, which writes and syncs five files, in memory and on disk, against an import."""
+    binary = build_binary()
+    sets = ("replay.warmup_steps=0", "replay.batch_size=1", "learn.every_steps=1", "budget.steps=1")
+    run = lambda folder: our_training(binary, HERE / "cleanrl.json", *sets, folder=folder)[1] * 1e6
     importing = lambda: child(sys.executable, "-c", "import torch")[1] * 1e6
-    compare("start, a step, the end", whole_run, {"PyTorch": importing})
+    compare("a run of one step", lambda: run("/dev/shm"), {"on disk": lambda: run(None), "PyTorch": importing})
 
 
 if __name__ == "__main__":
