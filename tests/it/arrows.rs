@@ -15,7 +15,10 @@ const FORBIDDEN: [(&str, &[&str]); 12] = [
     ("sink", &["env", "nn", "agent", "config", "checkpoint", "study", "report", "cli"]),
     ("study", &["sink", "report", "cli"]),
     ("report", &["nn", "agent", "sink", "cli"]),
-    ("files.rs", &["env", "nn", "agent", "trainer", "config", "checkpoint", "sink", "study", "report", "cli"]),
+    (
+        "files.rs",
+        &["env", "nn", "agent", "trainer", "config", "checkpoint", "sink", "study", "report", "cli"],
+    ),
 ];
 
 fn sources(path: &Path) -> Vec<(String, String)> {
