@@ -37,6 +37,7 @@ pub(crate) const DIVERGING: &[&str] = &[
     "gamma=1",
     "double=false",
     "n_step=1",
+    "observation_scale=null",
     "reward_scale=1",
     "optimizer.schedule=null",
     "policy_weights=online",

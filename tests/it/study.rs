@@ -170,14 +170,14 @@ fn a_study_that_another_process_runs_is_refused() {
 fn a_trial_that_fails_is_recorded_and_stops_nothing() {
     let sandbox = Sandbox::new();
     let diverging = [&sets(DIVERGING)[..], &["--set", "evaluation.every_steps=100"]].concat();
-    let vary = ["--vary", "optimizer.learning_rate=1,0.001", "--set", "budget.steps=400", "--seeds", "0..2"];
+    let vary = ["--vary", "optimizer.learning_rate=1,0.001", "--set", "budget.steps=400", "--seeds", "0..3"];
     let diverging: Vec<&str> =
         diverging.chunks(2).filter(|set| !set[1].starts_with("budget")).flatten().copied().collect();
     let arguments = [&["study", "--out", "s"], &diverging[..], &vary].concat();
     let printed = sandbox.run(&arguments).success();
     let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
-    assert!(printed.contains("trials     4") && printed.contains("failed     2"), "{printed}");
-    let failed = sandbox.json("s/trials/0/1.json");
+    assert!(printed.contains("trials     6") && printed.contains("failed     2"), "{printed}");
+    let failed = sandbox.json("s/trials/0/2.json");
     assert_eq!((&failed["summary"], &failed["final"]), (&Value::Null, &Value::Null));
     assert!(failed["error"].as_str().unwrap().starts_with("training diverged: at environment step"));
     let good = sandbox.json("s/trials/1/1.json");
