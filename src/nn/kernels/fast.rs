@@ -487,7 +487,7 @@ impl Product {
         let mut row = 0;
         macro_rules! tiles {
             ($($height:literal)*) => {{$(
-                let fits = $height <= TALLEST && ($height + 1) * WIDTH + 1 <= V::REGISTERS || $height == 1;
+                let fits = $height == 1 || ($height <= TALLEST && ($height + 1) * WIDTH < V::REGISTERS);
                 while fits && self.rows - row >= $height {
                     strip.tile::<V, $height, WIDTH, FULL>(ends, row, column);
                     row += $height;
