@@ -3,10 +3,12 @@
 mod eval;
 mod inspect;
 mod report;
+mod resume;
 mod run_dir;
 mod signals;
 mod study;
 mod train;
+mod verify;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -35,6 +37,7 @@ enum Command {
     Inspect(inspect::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
+    Verify(verify::Arguments),
 }
 
 /// Why a command ended without success.
@@ -88,6 +91,7 @@ pub fn run() -> ExitCode {
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
     let (message, exit_code) = match failure {
@@ -103,6 +107,11 @@ pub fn run() -> ExitCode {
 /// Parses a seed.
 fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("expected an integer from 0 to {}", u64::MAX))
+}
+
+/// Says on stderr what the user should know though nothing has failed.
+fn note(text: &str) {
+    let _ = writeln!(io::stderr(), "note: {text}");
 }
 
 /// Prints to stdout. A reader that has gone away (`| head`) is no failure.

@@ -7,6 +7,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
+use super::Failure;
+
 /// 128 + SIGINT, as shells have it.
 const INTERRUPTED: u8 = 130;
 /// 128 + SIGTERM.
@@ -25,7 +27,12 @@ impl Signals {
     ///
     /// # Errors
     /// When the system refuses.
-    pub(super) fn listen() -> io::Result<Self> {
+    pub(super) fn listen() -> Result<Self, Failure> {
+        Self::try_listen()
+            .map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))
+    }
+
+    fn try_listen() -> io::Result<Self> {
         let signals = Self::default();
         for (signal, exit_code) in [(SIGINT, INTERRUPTED), (SIGTERM, TERMINATED)] {
             signals.take(signal, exit_code)?;

@@ -270,7 +270,7 @@ fn the_policy_is_made_of_the_chosen_weights() {
     trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
     let checkpoint = trainer.checkpoint().unwrap();
     assert_eq!(checkpoint.policy(4, 2).unwrap(), trainer.agent().target);
-    assert_eq!(trainer.policy_checkpoint().unwrap().policy(4, 2).unwrap(), trainer.agent().target);
+    assert_eq!(trainer.best_checkpoint().unwrap().unwrap().policy(4, 2).unwrap(), trainer.agent().target);
     let mut online = trainer.agent().target.clone();
     checkpoint.get_network("online.", &mut online).unwrap();
     assert_eq!(online, trainer.agent().online);
