@@ -24,7 +24,7 @@ pub const EVALUATIONS: &str = "evaluations.csv";
 pub const FORMAT_VERSION: u32 = 1;
 
 /// Largest file that is read, in bytes.
-const MAX_FILE_SIZE: u64 = 1 << 32;
+const MAX_FILE_SIZE: u64 = 1 << 30;
 
 /// A finished report.
 #[derive(Clone, Debug)]

@@ -16,7 +16,7 @@ use crate::files::{
 pub const MANIFEST: &str = "study.json";
 const TRIALS: &str = "trials";
 /// Largest file of a study that is read, in bytes.
-const MAX_FILE_SIZE: u64 = 1 << 30;
+const MAX_FILE_SIZE: u64 = 1 << 26;
 
 /// Why a study cannot be run.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +50,25 @@ pub enum StudyError {
 /// The file of a trial, given as (index of its config, seed), in the folder of its study.
 pub fn trial_path(folder: &Path, (config, seed): (usize, u64)) -> PathBuf {
     folder.join(TRIALS).join(config.to_string()).join(format!("{seed}.json"))
+}
+
+/// The seeds with which a config, given by its index, has been trained, in order.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub fn finished_seeds(folder: &Path, config: usize) -> io::Result<Vec<u64>> {
+    let entries = match fs::read_dir(folder.join(TRIALS).join(config.to_string())) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries?,
+    };
+    let mut seeds = Vec::new();
+    for entry in entries {
+        let path = entry?.path();
+        let seed = path.file_stem().and_then(|stem| stem.to_str()?.parse().ok());
+        seeds.extend(seed.filter(|&seed| path == trial_path(folder, (config, seed))));
+    }
+    seeds.sort_unstable();
+    Ok(seeds)
 }
 
 /// The folder of a study that this process runs.
@@ -128,6 +147,9 @@ pub fn read_trial(path: &Path, config: &str, seed: u64) -> Result<Trial, StudyEr
     let trial: Trial = serde_json::from_str(&text).map_err(|error| bad(error.to_string()))?;
     if trial.config != config || trial.seed != seed {
         return Err(bad(format!("it is that of config {:?}, seed {}", trial.config, trial.seed)));
+    }
+    if !trial.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
+        return Err(bad("its evaluations are not in the order of their steps".into()));
     }
     Ok(trial)
 }

@@ -233,14 +233,14 @@ impl<E: Environment> Trainer<E> {
     pub fn resume(checkpoint: &Checkpoint, environment: E) -> Result<Self, Problem> {
         let header: Header<State<E, E::Observation>> = checkpoint.header()?;
         let state = header.state.ok_or(Problem::NotResumable)?;
-        let Progress { env_steps, best_evaluation, .. } = state.progress;
+        let env_steps = state.progress.env_steps;
         if !state.progress.is_possible() || !environment.admits(&state.environment) {
             return Err(Problem::State);
         }
         let mut trainer = Self::new(header.config, environment);
         trainer.saved_at = Some(env_steps);
         // Format version 1 did not have it.
-        if best_evaluation.is_some() && checkpoint.version()? != Some(1) {
+        if checkpoint.shape("best.0.weight").is_ok() {
             let mut policy = Mlp::zeros(trainer.agent.online.sizes().to_vec());
             checkpoint.get_network("best.", &mut policy)?;
             trainer.best_policy = Some(policy);

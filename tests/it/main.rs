@@ -11,6 +11,8 @@ mod kernels;
 mod replay;
 mod report;
 #[cfg(unix)]
+mod resume;
+#[cfg(unix)]
 mod signals;
 mod simd;
 mod study;
