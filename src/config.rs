@@ -4,6 +4,7 @@
 //! then merged into a [`Config`], and what binds several keys is checked last. A new key is a field, its default and
 //! a line of `KEYS`; a new alternative of a group is a line of `alternatives`.
 
+mod difference;
 mod layer;
 
 use std::fmt;
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+pub use difference::difference;
 use layer::{Layer, choose, choose_or_null, invalid, object};
 
 use crate::agent::{
@@ -22,6 +24,11 @@ use crate::agent::{
 use crate::env::{CartPole, Environment, EnvironmentId};
 use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
+
+/// Largest config that is read, in bytes.
+pub const MAX_BYTES: u64 = 1 << 20;
+/// Most memory that a config may ask for, in bytes.
+const MAX_MEMORY: u64 = 8 << 30;
 
 /// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -348,11 +355,32 @@ impl Config {
                     json!(self.target)
                 ),
             ),
+            (
+                self.memory() <= MAX_MEMORY,
+                "network.hidden",
+                json!(self.network.hidden),
+                format!(
+                    "smaller layers: with `replay.batch_size` {batch_size} and `replay.capacity` {capacity} the run \
+                     would take about {} GiB of memory; at most {} are allowed",
+                    self.memory().div_ceil(1 << 30),
+                    MAX_MEMORY >> 30
+                ),
+            ),
         ];
         match rules.into_iter().find(|(holds, ..)| !holds) {
             Some((_, key, value, allowed)) => Err(invalid(origin, key, &value, allowed)),
             None => Ok(()),
         }
+    }
+
+    /// About how many bytes the large parts of a run take: the replay memory, the networks with their gradient and
+    /// Adam's moments, the activations of a batch.
+    fn memory(&self) -> u64 {
+        let sizes = self.network.sizes(CartPole::OBSERVATION_SIZE, CartPole::NUM_ACTIONS);
+        let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
+        let units: usize = sizes.iter().sum();
+        let ReplayConfig { capacity, batch_size, .. } = self.replay;
+        (24 * capacity + 32 * parameters + 16 * batch_size * units) as u64
     }
 
     /// The agent's part.
@@ -381,7 +409,6 @@ impl Config {
 /// # Errors
 /// The file cannot be opened or read, is larger, or is not UTF-8.
 pub fn read_file(path: &Path) -> Result<String, ConfigError> {
-    const MAX_BYTES: u64 = 1 << 20;
     let read = || {
         let mut bytes = Vec::new();
         File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;

@@ -10,6 +10,10 @@ mod golden_update;
 mod kernels;
 mod replay;
 mod report;
+#[cfg(unix)]
+mod resume;
+#[cfg(unix)]
+mod signals;
 mod simd;
 mod study;
 mod training;
