@@ -1,5 +1,7 @@
 //! The command line: one file per command. Only here is printed, and only here an exit code chosen.
 
+mod completions;
+mod config;
 mod eval;
 mod inspect;
 mod report;
@@ -34,6 +36,8 @@ enum Command {
     Inspect(inspect::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
+    Config(config::Arguments),
+    Completions(completions::Arguments),
 }
 
 /// Why a command ended without success.
@@ -92,6 +96,8 @@ pub fn run() -> ExitCode {
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
+        Command::Config(arguments) => config::run(arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
     // A closed stderr leaves nobody to tell.

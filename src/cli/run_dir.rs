@@ -8,12 +8,13 @@ use super::Failure;
 use crate::config::{Config, read_file};
 use crate::files::{is_unfinished, write_json};
 use crate::report;
-use crate::sink::JsonLines;
+use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
 const SUMMARY: &str = "summary.json";
 const CHECKPOINTS: &str = "checkpoints";
+const TENSORBOARD: &str = "tensorboard";
 const BEST: &str = "best.safetensors";
 const LAST: &str = "last.safetensors";
 
@@ -77,7 +78,7 @@ impl RunDir {
         }
         let mut entries = Vec::new();
         let mut files = Vec::new();
-        for folder in [&self.path, &self.checkpoints()] {
+        for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
             if folder.is_dir() {
                 entries.extend(fs::read_dir(folder).map_err(unreadable)?);
             }
@@ -86,9 +87,10 @@ impl RunDir {
             let entry = entry.map_err(unreadable)?;
             let path = entry.path();
             match path.is_dir() {
-                true if path == self.checkpoints() => {}
+                true if path == self.checkpoints() || path == self.tensorboard() => {}
                 false
                     if own.contains(&path)
+                        || self.is_events(&path)
                         || is_unfinished(&entry.file_name())
                         || report::is_part(&entry.file_name()) =>
                 {
@@ -108,7 +110,14 @@ impl RunDir {
             fs::remove_file(&path)
                 .map_err(|error| format!("cannot be replaced: {}: {error}", path.display()))?;
         }
+        // The next run may have none; an error leaves an empty folder.
+        let _ = fs::remove_dir(self.tensorboard());
         Ok(())
+    }
+
+    fn is_events(&self, path: &Path) -> bool {
+        let has_prefix = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with(TENSORBOARD_PREFIX);
+        path.parent() == Some(&self.tensorboard()) && path.file_name().is_some_and(has_prefix)
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -125,6 +134,9 @@ impl RunDir {
     }
     pub(super) fn checkpoints(&self) -> PathBuf {
         self.path.join(CHECKPOINTS)
+    }
+    pub(super) fn tensorboard(&self) -> PathBuf {
+        self.path.join(TENSORBOARD)
     }
     pub(super) fn best(&self) -> PathBuf {
         self.checkpoints().join(BEST)

@@ -10,7 +10,7 @@ use super::{Failure, print, print_json};
 use crate::config::{self, Config};
 use crate::env::CartPole;
 use crate::files::write_json;
-use crate::sink::Console;
+use crate::sink::{Console, TensorBoard};
 use crate::trainer::{EndReason, EventSink, Summary, Trainer};
 
 /// The default config, `configs/cartpole.json`.
@@ -43,6 +43,9 @@ pub(super) struct Arguments {
     /// Replace the run that is in the folder
     #[arg(long)]
     force: bool,
+    /// Write TensorBoard event files to the run's folder `tensorboard`
+    #[arg(long)]
+    tensorboard: bool,
     /// Show no progress and no summary
     #[arg(long)]
     quiet: bool,
@@ -52,12 +55,17 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
-    let config = resolve(&arguments)?;
+    let config = resolve(arguments.config.as_deref(), &arguments.set, arguments.seed)?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments, &config));
     let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
     if !arguments.quiet {
         sinks.push(Box::new(Console::new(config.budget)));
+    }
+    if arguments.tensorboard {
+        let (folder, optimizer) = (run.tensorboard(), config.optimizer);
+        let events = TensorBoard::create(&folder, move |steps| optimizer.learning_rate_after(steps));
+        sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error))?));
     }
     let start = Instant::now();
     let mut trainer = Trainer::new(config, CartPole::v1());
@@ -74,20 +82,23 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         (false, true) => {}
         (false, false) => print(&describe(&summary, &run))?,
     }
-    saved.map_err(|error| Failure::Failed(format!("cannot write {}: {error}", run.summary().display())))
+    saved.map_err(|error| cannot_write(&run.summary(), &error))
+}
+
+fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::Failed(format!("cannot write {}: {error}", path.display()))
 }
 
 /// Defaults < file < `--set` < `--seed`.
-fn resolve(arguments: &Arguments) -> Result<Config, Failure> {
-    let file = arguments.config.as_deref().map(|path| Ok::<_, Failure>((path, config::read_file(path)?)));
+pub(super) fn resolve(file: Option<&Path>, sets: &[String], seed: Option<u64>) -> Result<Config, Failure> {
+    let file = file.map(|path| Ok::<_, Failure>((path.display().to_string(), config::read_file(path)?)));
     let file = file.transpose()?;
-    let name = file.as_ref().map(|(path, _)| path.display().to_string());
-    let layer = match (&name, &file) {
-        (Some(name), Some((_, text))) => (name.as_str(), text.as_str()),
-        _ => ("the built-in config", DEFAULT_CONFIG),
+    let layer = match &file {
+        Some((name, text)) => (name.as_str(), text.as_str()),
+        None => ("the built-in config", DEFAULT_CONFIG),
     };
-    let seed = arguments.seed.map(|seed| format!("seed={seed}"));
-    let sets: Vec<String> = arguments.set.iter().cloned().chain(seed).collect();
+    let seed = seed.map(|seed| format!("seed={seed}"));
+    let sets: Vec<String> = sets.iter().cloned().chain(seed).collect();
     Ok(Config::from_layers(Some(layer), &sets)?)
 }
 
