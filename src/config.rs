@@ -2,12 +2,14 @@
 //!
 //! Each `Layer` is read as a flat map (`"budget.steps"` → value) and held against one table, `KEYS`; they are
 //! then merged into a [`Config`], and what binds several keys is checked last. A new key is a field, its default and
-//! a line of `KEYS`; a new alternative of a group is a line of `alternatives`.
+//! a line of `KEYS`, from which the JSON Schema and `config show` follow; a new alternative of a group is a line of
+//! `alternatives`.
 
 mod difference;
+mod keys;
 mod layer;
+mod schema;
 
-use std::fmt;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -16,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 pub use difference::difference;
+use keys::Allowed;
 use layer::{Layer, choose, choose_or_null, invalid, object};
 
 use crate::agent::{
@@ -24,6 +27,8 @@ use crate::agent::{
 use crate::env::{CartPole, Environment, EnvironmentId};
 use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
+
+pub use schema::Setting;
 
 /// Largest config that is read, in bytes.
 pub const MAX_BYTES: u64 = 1 << 20;
@@ -131,120 +136,9 @@ fn alternatives(default: &Config) -> [(&'static str, Vec<Map<String, Value>>); 3
     ]
 }
 
-/// Every key and what it may hold. What binds several keys is in [`Config::check_combinations`].
-const KEYS: &[(&str, Allowed)] = &[
-    ("$schema", Allowed::Text),
-    ("seed", Allowed::Integer(0, u64::MAX)),
-    ("environment", Allowed::OneOf(&["CartPole-v1"])),
-    ("network.hidden", Allowed::LayerSizes),
-    ("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"])),
-    ("optimizer.learning_rate", POSITIVE),
-    ("optimizer.beta1", BELOW_ONE),
-    ("optimizer.beta2", BELOW_ONE),
-    ("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", |x| (1e-30..=1.0).contains(&x))),
-    ("optimizer.max_gradient_norm", Allowed::OrNull(&SCALE)),
-    (
-        "optimizer.schedule",
-        Allowed::OrNull(&Allowed::Object("an object with `final_learning_rate`, `steps`")),
-    ),
-    ("optimizer.schedule.final_learning_rate", UNIT),
-    ("optimizer.schedule.steps", PERIOD),
-    ("loss", Allowed::OneOf(&["mse", "huber"])),
-    ("gamma", UNIT),
-    ("n_step", Allowed::Integer(1, 100)),
-    ("double", Allowed::Bool),
-    ("replay.capacity", Allowed::Integer(1, 100_000_000)),
-    ("replay.batch_size", Allowed::Integer(1, 65_536)),
-    ("replay.warmup_steps", Allowed::Integer(0, u64::MAX)),
-    ("replay.update", Allowed::OneOf(&["minibatch", "per_sample"])),
-    ("learn.every_steps", PERIOD),
-    ("learn.updates", Allowed::Integer(1, u32::MAX as u64)),
-    ("exploration.schedule", Allowed::OneOf(&["per_episode", "linear"])),
-    ("exploration.initial", UNIT),
-    ("exploration.final", UNIT),
-    ("exploration.decay", POSITIVE),
-    ("exploration.steps", PERIOD),
-    ("target.kind", Allowed::OneOf(&["hard", "none", "soft"])),
-    ("target.every_steps", PERIOD),
-    ("target.every_episodes", PERIOD),
-    ("target.tau", POSITIVE),
-    ("truncation_is_terminal", Allowed::Bool),
-    ("observation_scale", Allowed::OrNull(&Allowed::Scales)),
-    ("reward_scale", SCALE),
-    ("policy_weights", Allowed::OneOf(&["online", "target"])),
-    ("budget.steps", PERIOD),
-    ("budget.episodes", PERIOD),
-    ("evaluation.every_steps", PERIOD),
-    ("evaluation.episodes", Allowed::Integer(1, 100_000)),
-    ("checkpoint.every_steps", PERIOD),
-    ("stop_when_solved", Allowed::Bool),
-];
-
-const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
-const UNIT: Allowed = Allowed::Number("from 0 to 1", |x| (0.0..=1.0).contains(&x));
-const BELOW_ONE: Allowed = Allowed::Number("from 0 to below 1", |x| (0.0..1.0).contains(&x));
-const POSITIVE: Allowed = Allowed::Number("above 0 and at most 1", |x| x > 0.0 && x <= 1.0);
-const SCALE: Allowed = Allowed::Number("from 1e-30 to 1e30", |x| (1e-30..=1e30).contains(&x));
-
-/// What a key may hold.
-enum Allowed {
-    Bool,
-    Text,
-    OneOf(&'static [&'static str]),
-    /// From the first to the last, both included.
-    Integer(u64, u64),
-    /// The range in words and as a predicate.
-    Number(&'static str, fn(f64) -> bool),
-    LayerSizes,
-    /// One number for each coordinate of an observation.
-    Scales,
-    /// Its keys in words; each has its own line.
-    Object(&'static str),
-    OrNull(&'static Allowed),
-}
-
-impl Allowed {
-    fn admits(&self, value: &Value) -> bool {
-        match self {
-            Self::Bool => value.is_boolean(),
-            Self::Text => value.is_string(),
-            Self::OneOf(names) => value.as_str().is_some_and(|name| names.contains(&name)),
-            Self::Integer(low, high) => value.as_u64().is_some_and(|n| (*low..=*high).contains(&n)),
-            Self::Number(_, holds) => value.as_f64().is_some_and(holds),
-            Self::LayerSizes => value.as_array().is_some_and(|sizes| {
-                sizes.len() <= 16 && sizes.iter().all(|size| Self::Integer(1, 4096).admits(size))
-            }),
-            Self::Scales => {
-                value.as_array().is_some_and(|scales| scales.iter().all(|scale| SCALE.admits(scale)))
-            }
-            Self::Object(_) => value.is_object(),
-            Self::OrNull(allowed) => value.is_null() || allowed.admits(value),
-        }
-    }
-}
-
-impl fmt::Display for Allowed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Bool => write!(f, "true or false"),
-            Self::Text => write!(f, "a string"),
-            Self::OneOf(names) => write!(f, "\"{}\"", names.join("\" or \"")),
-            Self::Integer(low, u64::MAX) => write!(f, "an integer from {low} to 2^64 - 1"),
-            Self::Integer(low, high) => write!(f, "an integer from {low} to {high}"),
-            Self::Number(range, _) => write!(f, "a number {range}"),
-            Self::LayerSizes => write!(f, "a list of at most 16 integers, each from 1 to 4096"),
-            Self::Scales => {
-                write!(
-                    f,
-                    "a list with {SCALE} for each of the {} observation coordinates",
-                    CartPole::OBSERVATION_SIZE
-                )
-            }
-            Self::Object(keys) => write!(f, "{keys}"),
-            Self::OrNull(allowed) => write!(f, "null or {allowed}"),
-        }
-    }
-}
+/// What a schedule is as soon as it is not null.
+const DEFAULT_SCHEDULE: LearningRateSchedule =
+    LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
 
 /// Why there is no config. An `origin` is the name of a file, or `--set`.
 #[derive(Debug, thiserror::Error)]
@@ -292,8 +186,8 @@ impl Config {
         for (group, alternatives) in alternatives(&default) {
             root[group] = choose(group, &alternatives, &layers)?.into();
         }
-        let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
-        root["optimizer"]["schedule"] = choose_or_null("optimizer.schedule", &object(schedule), &layers)?;
+        root["optimizer"]["schedule"] =
+            choose_or_null("optimizer.schedule", &object(DEFAULT_SCHEDULE), &layers)?;
         let origin = layers.iter().map(|layer| layer.origin.as_str()).collect::<Vec<_>>().join(" with ");
         let config: Self = serde_json::from_value(root)
             .map_err(|source| ConfigError::Json { origin: origin.clone(), source })?;

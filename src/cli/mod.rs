@@ -1,5 +1,7 @@
 //! The command line: one file per command. Only here is printed, and only here an exit code chosen.
 
+mod completions;
+mod config;
 mod eval;
 mod inspect;
 mod report;
@@ -38,6 +40,8 @@ enum Command {
     Study(study::Arguments),
     Report(report::Arguments),
     Verify(verify::Arguments),
+    Config(config::Arguments),
+    Completions(completions::Arguments),
 }
 
 /// Why a command ended without success.
@@ -92,6 +96,8 @@ pub fn run() -> ExitCode {
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
+        Command::Config(arguments) => config::run(arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
     let (message, exit_code) = match failure {

@@ -8,13 +8,14 @@ use super::Failure;
 use crate::config::{Config, MAX_BYTES};
 use crate::files::{is_unfinished, open_ordinary, read_text_limited, write_json};
 use crate::report;
-use crate::sink::JsonLines;
+use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::trainer::{BEST, LAST, PREVIOUS};
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
 const SUMMARY: &str = "summary.json";
 const CHECKPOINTS: &str = "checkpoints";
+const TENSORBOARD: &str = "tensorboard";
 
 /// A run's folder and the paths in it.
 #[derive(Debug)]
@@ -120,6 +121,8 @@ impl RunDir {
         }
         // The old config stays until the new one takes its place: a run that is half replaced can still be replaced.
         replaced.iter().try_for_each(fs::remove_file)?;
+        // The new run may have none; an empty folder that stays harms nobody.
+        let _ = fs::remove_dir(self.tensorboard());
         metrics.cut(0)?;
         write_json(&self.config(), config).inspect_err(|_| {
             if is_free {
@@ -157,7 +160,7 @@ impl RunDir {
         let go = [self.summary(), self.best(), self.last(), self.previous()];
         let mut entries = Vec::new();
         let mut files = Vec::new();
-        for folder in [&self.path, &self.checkpoints()] {
+        for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
             if folder.is_dir() {
                 entries.extend(fs::read_dir(folder).map_err(unreadable)?);
             }
@@ -165,10 +168,16 @@ impl RunDir {
         for entry in entries {
             let entry = entry.map_err(unreadable)?;
             let (path, name) = (entry.path(), entry.file_name());
-            if (path == self.checkpoints() && path.is_dir()) || (stay.contains(&path) && is_ordinary(&path)) {
+            let is_folder = path == self.checkpoints() || path == self.tensorboard();
+            if (is_folder && path.is_dir()) || (stay.contains(&path) && is_ordinary(&path)) {
                 continue;
             }
-            if path.is_dir() || !(go.contains(&path) || is_unfinished(&name) || report::is_part(&name)) {
+            if path.is_dir()
+                || !(go.contains(&path)
+                    || self.is_events(&path)
+                    || is_unfinished(&name)
+                    || report::is_part(&name))
+            {
                 return Err(format!(
                     "holds {}, which is not of a run; --force replaces a run and nothing else",
                     path.display()
@@ -177,6 +186,11 @@ impl RunDir {
             files.push(path);
         }
         Ok(files)
+    }
+
+    fn is_events(&self, path: &Path) -> bool {
+        let has_prefix = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with(TENSORBOARD_PREFIX);
+        path.parent() == Some(&self.tensorboard()) && path.file_name().is_some_and(has_prefix)
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -193,6 +207,9 @@ impl RunDir {
     }
     pub(super) fn checkpoints(&self) -> PathBuf {
         self.path.join(CHECKPOINTS)
+    }
+    pub(super) fn tensorboard(&self) -> PathBuf {
+        self.path.join(TENSORBOARD)
     }
     pub(super) fn best(&self) -> PathBuf {
         self.checkpoints().join(BEST)

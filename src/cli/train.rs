@@ -15,7 +15,7 @@ use crate::config::{self, Config};
 use crate::env::CartPole;
 use crate::files::{read_limited, write_json};
 use crate::nn::kernels;
-use crate::sink::Console;
+use crate::sink::{Console, TensorBoard};
 use crate::trainer::{EndReason, EventSink, Summary, TrainError, Trainer};
 
 /// The default config, `configs/cartpole.json`.
@@ -51,6 +51,9 @@ pub(super) struct Arguments {
     /// Go on with the run in this folder where it was stopped; --set can give it a larger budget
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "force"])]
     resume: Option<PathBuf>,
+    /// Write TensorBoard event files to the run's folder `tensorboard`
+    #[arg(long)]
+    tensorboard: bool,
     /// Show no progress and no summary
     #[arg(long)]
     quiet: bool,
@@ -62,13 +65,18 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let signals = Signals::listen()?;
     let started = match &arguments.resume {
-        Some(path) => resume(path, &sets(&arguments))?,
+        Some(path) => resume(path, &layered(&arguments.set, arguments.seed))?,
         None => Some(start(&arguments)?),
     };
     let Some((run, metrics, mut trainer)) = started else { return Ok(()) };
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
     if !arguments.quiet {
         sinks.push(Box::new(Console::new(trainer.config().budget, trainer.progress().env_steps)));
+    }
+    if arguments.tensorboard {
+        let (folder, optimizer) = (run.tensorboard(), trainer.config().optimizer);
+        let events = TensorBoard::create(&folder, move |steps| optimizer.learning_rate_after(steps));
+        sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error))?));
     }
     let start = Instant::now();
     let reason = trainer.run(&mut sinks, Some(&run.checkpoints()), &signals.stop).map_err(|error| {
@@ -93,7 +101,11 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         (false, true) => {}
         (false, false) => print(&describe(&record.summary, &run))?,
     }
-    saved.map_err(|error| Failure::Failed(format!("cannot write {}: {error}", run.summary().display())))
+    saved.map_err(|error| cannot_write(&run.summary(), &error))
+}
+
+fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::Failed(format!("cannot write {}: {error}", path.display()))
 }
 
 /// `summary.json`: what the run came to, and what it takes to repeat it.
@@ -128,28 +140,26 @@ impl Record {
 
 /// A new run in its own folder.
 fn start(arguments: &Arguments) -> Result<Resumed, Failure> {
-    let config = resolve(arguments)?;
+    let config = resolve(arguments.config.as_deref(), &arguments.set, arguments.seed)?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, &config));
     let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
     Ok((run, metrics, Trainer::new(config, CartPole::v1())))
 }
 
 /// `--set` < `--seed`.
-fn sets(arguments: &Arguments) -> Vec<String> {
-    let seed = arguments.seed.map(|seed| format!("seed={seed}"));
-    arguments.set.iter().cloned().chain(seed).collect()
+fn layered(sets: &[String], seed: Option<u64>) -> Vec<String> {
+    sets.iter().cloned().chain(seed.map(|seed| format!("seed={seed}"))).collect()
 }
 
 /// Defaults < file < `--set` < `--seed`.
-fn resolve(arguments: &Arguments) -> Result<Config, Failure> {
-    let file = arguments.config.as_deref().map(|path| Ok::<_, Failure>((path, config::read_file(path)?)));
+pub(super) fn resolve(file: Option<&Path>, sets: &[String], seed: Option<u64>) -> Result<Config, Failure> {
+    let file = file.map(|path| Ok::<_, Failure>((path.display().to_string(), config::read_file(path)?)));
     let file = file.transpose()?;
-    let name = file.as_ref().map(|(path, _)| path.display().to_string());
-    let layer = match (&name, &file) {
-        (Some(name), Some((_, text))) => (name.as_str(), text.as_str()),
-        _ => ("the built-in config", DEFAULT_CONFIG),
+    let layer = match &file {
+        Some((name, text)) => (name.as_str(), text.as_str()),
+        None => ("the built-in config", DEFAULT_CONFIG),
     };
-    Ok(Config::from_layers(Some(layer), &sets(arguments))?)
+    Ok(Config::from_layers(Some(layer), &layered(sets, seed))?)
 }
 
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {

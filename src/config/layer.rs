@@ -8,7 +8,8 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use super::{ConfigError, KEYS};
+use super::ConfigError;
+use super::keys::{KEYS, Key};
 
 /// The keys that one source sets, each known and within its range.
 pub(super) struct Layer {
@@ -60,9 +61,9 @@ impl Layer {
     fn checked(mut self) -> Result<Self, ConfigError> {
         for (key, value) in &self.values {
             let members = keys_in(&format!("{key}."));
-            let allowed = match KEYS.iter().find(|(known, _)| known == key) {
-                Some((_, allowed)) if allowed.admits(value) => continue,
-                Some((_, allowed)) => allowed.to_string(),
+            let allowed = match KEYS.iter().find(|known| known.path == key) {
+                Some(Key { allowed, .. }) if allowed.admits(value) => continue,
+                Some(Key { allowed, .. }) => allowed.to_string(),
                 None if members.is_empty() => {
                     return Err(key_error(&self.origin, "unknown key", key, nearest_key(key)));
                 }
@@ -189,7 +190,7 @@ pub(super) fn object(value: impl Serialize) -> Map<String, Value> {
 
 /// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages; empty without any.
 fn keys_in(prefix: &str) -> String {
-    let below = KEYS.iter().filter_map(|(key, _)| key.strip_prefix(prefix)?.split('.').next());
+    let below = KEYS.iter().filter_map(|key| key.path.strip_prefix(prefix)?.split('.').next());
     let mut keys: Vec<_> = below.map(|key| format!("`{key}`")).collect();
     keys.dedup();
     keys.join(", ")
@@ -203,7 +204,8 @@ fn nearest_key(key: &str) -> String {
         let like = strsim::normalized_damerau_levenshtein;
         like(key, known).max(0.9 * like(&last(key), &last(known)))
     };
-    let known = KEYS.iter().filter(|_| key.len() <= MAX_LENGTH).map(|(known, _)| (likeness(known), known));
+    let known =
+        KEYS.iter().filter(|_| key.len() <= MAX_LENGTH).map(|known| (likeness(known.path), known.path));
     let nearest = known.max_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(likeness, _)| *likeness > 0.6);
     let siblings = key.split_once('.').map_or(String::new(), |(group, _)| keys_in(&format!("{group}.")));
     match nearest {

@@ -2,6 +2,8 @@
 
 mod console;
 mod json_lines;
+mod tensorboard;
 
 pub use console::Console;
 pub use json_lines::JsonLines;
+pub use tensorboard::{TENSORBOARD_PREFIX, TensorBoard};

@@ -3,7 +3,9 @@
 
 mod arrows;
 mod cli;
+mod cli_config;
 mod cli_eval;
+mod cli_tensorboard;
 mod config;
 mod golden_physics;
 mod golden_update;

@@ -1,0 +1,68 @@
+//! `cartpole-dqn config`
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use schemars::schema_for;
+
+use super::train::resolve;
+use super::{Failure, print, print_json};
+use crate::config::{Config, Setting};
+
+/// Explain configs: every key of one, or the JSON Schema of all.
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Show(Show),
+    /// Print the JSON Schema of config files, with which editors complete and check them.
+    #[command(after_help = "Example: cartpole-dqn config schema > configs/schema.json")]
+    Schema,
+}
+
+/// Print the config that `train` would use with the same options: every key, what it means and its default.
+///
+/// Every unindented line is one that --set takes.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: cartpole-dqn config show --config configs/tutorial.json --set gamma=0.99")]
+struct Show {
+    /// Config file (JSON); without it the built-in default, configs/cartpole.json
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Seed of the run, 0…2⁶⁴−1; wins over config and --set
+    #[arg(long, value_name = "N", value_parser = super::seed, allow_negative_numbers = true)]
+    seed: Option<u64>,
+    /// Set one config key, for instance optimizer.learning_rate=0.001; repeatable
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Print the config as JSON, alone on standard output: a valid --config
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
+    match arguments.command {
+        Command::Show(Show { config, seed, set, json }) => {
+            let config = resolve(config.as_deref(), &set, seed)?;
+            if json { print_json(&config) } else { print(&describe(&config)) }
+        }
+        Command::Schema => {
+            let schema = serde_json::to_string_pretty(&schema_for!(Config));
+            print(&(schema.map_err(|error| Failure::Failed(error.to_string()))? + "\n"))
+        }
+    }
+}
+
+fn describe(config: &Config) -> String {
+    let mut text = String::new();
+    for Setting { path, value, default, meaning, allowed } in config.settings() {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{path}={value}\n    {meaning}\n    default: {default}; allowed: {allowed}");
+    }
+    text
+}

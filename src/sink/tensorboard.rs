@@ -1,0 +1,206 @@
+//! TensorBoard's event files: TFRecords of a few protocol buffers, with the tags of Stable-Baselines3.
+//!
+//! The messages (tensorflow/core/util/event.proto, framework/summary.proto) are so few and so frozen that they are
+//! encoded here: `Event { double wall_time = 1; int64 step = 2; string file_version = 3; Summary summary = 5; }`,
+//! `Summary { repeated Value value = 1; }`, `Value { string tag = 1; float simple_value = 2; }`.
+
+use std::collections::VecDeque;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use crc::{CRC_32_ISCSI, Crc};
+
+use crate::trainer::event::{Event, EventSink};
+
+/// What the names of event files begin with; TensorBoard finds them by it.
+pub const TENSORBOARD_PREFIX: &str = "events.out.tfevents.";
+
+/// CRC-32C.
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
+/// Episodes of a running mean, as in `mean_return_100`.
+const RECENT: usize = 100;
+
+/// Appends events to an event file, against environment steps. It holds wall-clock times, as the format demands, and is
+/// therefore the one file of a run that is never the same again.
+pub struct TensorBoard {
+    file: BufWriter<File>,
+    /// The optimiser's step size after so many environment steps.
+    learning_rate: Box<dyn Fn(u64) -> f64>,
+    recent_lengths: VecDeque<u64>,
+    /// When the first event came, and its environment steps.
+    start: Option<(Instant, u64)>,
+}
+
+impl TensorBoard {
+    /// Creates a new file in a folder, which is made if it is missing.
+    ///
+    /// # Errors
+    /// When that fails.
+    pub fn create(folder: &Path, learning_rate: impl Fn(u64) -> f64 + 'static) -> io::Result<Self> {
+        fs::create_dir_all(folder)?;
+        let name =
+            format!("{TENSORBOARD_PREFIX}{:.0}.cartpole-dqn.{}", wall_time().floor(), std::process::id());
+        let file = BufWriter::new(File::create_new(folder.join(name))?);
+        let learning_rate = Box::new(learning_rate);
+        let mut sink = Self { file, learning_rate, recent_lengths: VecDeque::new(), start: None };
+        let mut version = Vec::new();
+        put_double(&mut version, 1, wall_time());
+        put_bytes(&mut version, 3, b"brain.Event:2");
+        sink.write_record(&version)?;
+        sink.file.flush()?;
+        Ok(sink)
+    }
+
+    fn write_scalars(&mut self, step: u64, scalars: &[(&str, f64)]) -> io::Result<()> {
+        let mut summary = Vec::new();
+        for (tag, value) in scalars {
+            let mut scalar = Vec::new();
+            put_bytes(&mut scalar, 1, tag.as_bytes());
+            put_float(&mut scalar, 2, *value as f32);
+            put_bytes(&mut summary, 1, &scalar);
+        }
+        let mut event = Vec::new();
+        put_double(&mut event, 1, wall_time());
+        put_varint(&mut event, 2, step);
+        put_bytes(&mut event, 5, &summary);
+        self.write_record(&event)
+    }
+
+    /// Length and content, each with its checksum.
+    fn write_record(&mut self, data: &[u8]) -> io::Result<()> {
+        let length = (data.len() as u64).to_le_bytes();
+        for part in [&length[..], data] {
+            self.file.write_all(part)?;
+            self.file.write_all(&masked_crc(part).to_le_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// Since the first event; none at that event.
+    fn steps_per_second(&mut self, env_steps: u64) -> Option<f64> {
+        let (start, first) = *self.start.get_or_insert_with(|| (Instant::now(), env_steps));
+        (env_steps > first).then(|| (env_steps - first) as f64 / start.elapsed().as_secs_f64().max(1e-9))
+    }
+}
+
+impl EventSink for TensorBoard {
+    fn emit(&mut self, event: &Event) -> io::Result<()> {
+        match event {
+            Event::Episode { env_steps, length, mean_return_100, epsilon, loss, updates, .. } => {
+                let env_steps = *env_steps;
+                self.recent_lengths.truncate(RECENT - 1);
+                self.recent_lengths.push_front(*length);
+                let mean_length =
+                    self.recent_lengths.iter().sum::<u64>() as f64 / self.recent_lengths.len() as f64;
+                let mut scalars = vec![
+                    ("rollout/ep_rew_mean", *mean_return_100),
+                    ("rollout/ep_len_mean", mean_length),
+                    ("rollout/exploration_rate", *epsilon),
+                    ("time/total_timesteps", env_steps as f64),
+                    ("train/n_updates", *updates as f64),
+                    ("train/learning_rate", (self.learning_rate)(env_steps)),
+                ];
+                scalars.extend(loss.map(|loss| ("train/loss", loss)));
+                scalars.extend(self.steps_per_second(env_steps).map(|fps| ("time/fps", fps)));
+                self.write_scalars(env_steps, &scalars)
+            }
+            Event::Evaluation { env_steps, mean, std, min, max, .. } => {
+                let scalars = [
+                    ("eval/mean_reward", *mean),
+                    // A step's reward is 1.
+                    ("eval/mean_ep_length", *mean),
+                    ("eval/std_reward", *std),
+                    ("eval/min_reward", *min),
+                    ("eval/max_reward", *max),
+                ];
+                self.write_scalars(*env_steps, &scalars)?;
+                self.file.flush()
+            }
+            Event::Statistics { env_steps, overestimation, agent } => {
+                let [td_error_q10, td_error_q50, td_error_q90] = agent.td_error_quantiles;
+                let scalars = [
+                    ("diagnostics/overestimation", *overestimation),
+                    ("diagnostics/terminal_share", agent.terminal_share),
+                    ("diagnostics/max_q", agent.max_q),
+                    ("diagnostics/action_gap", agent.action_gap),
+                    ("diagnostics/doomed_max_q", agent.doomed_max_q),
+                    ("diagnostics/gradient_norm", agent.gradient_norm),
+                    ("diagnostics/td_error_q10", td_error_q10),
+                    ("diagnostics/td_error_q50", td_error_q50),
+                    ("diagnostics/td_error_q90", td_error_q90),
+                    ("diagnostics/dead_relu_share", agent.dead_relu_share),
+                ];
+                self.write_scalars(*env_steps, &scalars)?;
+                self.file.flush()
+            }
+            Event::End { .. } => self.file.flush(),
+        }
+    }
+}
+
+/// Seconds since 1970.
+fn wall_time() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+}
+
+/// TFRecord's checksum: a CRC of data that holds its own CRC would be weak, so it is rotated and shifted.
+fn masked_crc(data: &[u8]) -> u32 {
+    CRC.checksum(data).rotate_right(15).wrapping_add(0xa282_ead8)
+}
+
+/// The bytes of a number, seven bits each, the lowest first; all but the last have the highest bit set.
+fn varint(message: &mut Vec<u8>, mut value: u64) {
+    while value >= 0x80 {
+        message.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    message.push(value as u8);
+}
+
+fn put_varint(message: &mut Vec<u8>, field: u64, value: u64) {
+    varint(message, field << 3);
+    varint(message, value);
+}
+
+fn put_double(message: &mut Vec<u8>, field: u64, value: f64) {
+    varint(message, field << 3 | 1);
+    message.extend(value.to_le_bytes());
+}
+
+fn put_bytes(message: &mut Vec<u8>, field: u64, bytes: &[u8]) {
+    varint(message, field << 3 | 2);
+    varint(message, bytes.len() as u64);
+    message.extend(bytes);
+}
+
+fn put_float(message: &mut Vec<u8>, field: u64, value: f32) {
+    varint(message, field << 3 | 5);
+    message.extend(value.to_le_bytes());
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// From TensorFlow's own tests (core/lib/hash/crc32c_test.cc, RFC 3720 B.4).
+    #[test]
+    fn checksums_are_crc_32c() {
+        assert_eq!(CRC.checksum(&[0; 32]), 0x8a91_36aa);
+        assert_eq!(CRC.checksum(&[0xff; 32]), 0x62a8_ab43);
+    }
+
+    #[test]
+    fn numbers_take_as_many_bytes_as_they_need() {
+        let of = |value| {
+            let mut bytes = Vec::new();
+            varint(&mut bytes, value);
+            bytes
+        };
+        assert_eq!(of(127), [0x7f]);
+        assert_eq!(of(300), [0xac, 0x02]);
+        assert_eq!(of(u64::MAX).len(), 10);
+    }
+}
