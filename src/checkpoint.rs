@@ -3,17 +3,26 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use safetensors::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
+use crate::files::{read_limited, write_whole_keeping};
 use crate::nn::Mlp;
 
-/// The version of the layout that this program writes.
-pub const FORMAT_VERSION: u32 = 1;
+/// The version of the layout that this program writes; it reads all from 1 on.
+pub const FORMAT_VERSION: u32 = 2;
+/// From which version on a file holds its own SHA-256.
+const SEALED_VERSION: u32 = 2;
 /// The one key of the metadata, so that its bytes cannot depend on an order of keys; the value is JSON.
 const METADATA_KEY: &str = "cartpole-dqn";
+/// What stands before a file's own SHA-256 in its bytes, and in its place while that is computed.
+const SEAL: &[u8] = br#"\"sha256\":\""#;
+/// How a header begins.
+const START: &str = "{\"format_version\":";
+const NO_SHA256: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 /// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 32;
 /// Most layers and most units of a layer that a policy may have.
@@ -35,6 +44,22 @@ struct Tensor {
     bytes: Vec<u8>,
 }
 
+/// The header as it is written.
+#[derive(Serialize)]
+struct Sealed<'a, H> {
+    format_version: u32,
+    sha256: &'a str,
+    #[serde(flatten)]
+    header: &'a H,
+}
+
+/// What must be read first of a header.
+#[derive(Deserialize)]
+struct Found {
+    format_version: u32,
+    sha256: Option<String>,
+}
+
 /// What is wrong with a checkpoint.
 #[derive(Debug, thiserror::Error)]
 #[error("checkpoint {}: {problem}", path.display())]
@@ -51,10 +76,10 @@ pub struct CheckpointError {
 pub enum Problem {
     #[error("cannot be read: {0}")]
     Unreadable(io::Error),
-    #[error("has {0} bytes; at most {MAX_FILE_SIZE} are allowed")]
-    TooLarge(u64),
     #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
+    #[error("is damaged: its content does not have the SHA-256 that it was written with")]
+    WrongSha256,
     #[error("has no tensor `{0}`")]
     Missing(String),
     #[error("tensor `{name}` is {dtype:?} {shape:?}, expected {expected}")]
@@ -69,14 +94,22 @@ pub enum Problem {
     NotFinite(String),
     #[error("has no metadata of cartpole-dqn: another program wrote it")]
     NoHeader,
-    #[error("has format version {0}; this program reads version {FORMAT_VERSION}")]
-    WrongVersion(u64),
+    #[error("has format version {0}; this program reads versions 1 to {FORMAT_VERSION}")]
+    WrongVersion(u32),
     #[error("its metadata is damaged: {0}")]
     BadHeader(String),
     #[error("holds a policy but not the state of a run; `last.safetensors` does")]
     NotResumable,
     #[error("its replay memory does not fit together")]
     Replay,
+    #[error("its counters do not fit together, or are of another task")]
+    State,
+    #[error(
+        "has format version 1, which does not say how many lines of metrics.jsonl belong to it; train again"
+    )]
+    NoPlace,
+    #[error("is not of the config beside it: {0}")]
+    OtherRun(String),
 }
 
 /// A number that tensors consist of.
@@ -125,12 +158,13 @@ impl View for &Tensor {
 }
 
 impl Checkpoint {
-    /// A checkpoint with a header, whose `format_version` is [`FORMAT_VERSION`], and no tensors yet.
+    /// A checkpoint with a header and no tensors yet.
     ///
     /// # Errors
     /// When JSON cannot express the header.
     pub fn new(header: &impl Serialize) -> io::Result<Self> {
-        Ok(Self { tensors: BTreeMap::new(), metadata: Some(serde_json::to_string(header)?) })
+        let sealed = Sealed { format_version: FORMAT_VERSION, sha256: NO_SHA256, header };
+        Ok(Self { tensors: BTreeMap::new(), metadata: Some(serde_json::to_string(&sealed)?) })
     }
 
     /// Reads a file whole.
@@ -138,26 +172,16 @@ impl Checkpoint {
     /// # Errors
     /// When it cannot be read, is too large, or is not a whole safetensors file.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
-        Self::read_bytes(path)
+        read_limited(path, MAX_FILE_SIZE)
+            .map_err(Problem::Unreadable)
             .and_then(|bytes| Self::from_bytes(&bytes))
             .map_err(|problem| CheckpointError { path: path.to_owned(), problem })
-    }
-
-    fn read_bytes(path: &Path) -> Result<Vec<u8>, Problem> {
-        let found = std::fs::metadata(path).map_err(Problem::Unreadable)?;
-        if !found.is_file() {
-            return Err(Problem::Unreadable(io::Error::new(io::ErrorKind::InvalidInput, "not a file")));
-        }
-        if found.len() > MAX_FILE_SIZE {
-            return Err(Problem::TooLarge(found.len()));
-        }
-        std::fs::read(path).map_err(Problem::Unreadable)
     }
 
     /// Parses the content of a file.
     ///
     /// # Errors
-    /// When it is not a whole safetensors file.
+    /// When it is not a whole safetensors file, or not as it was written.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
         let damaged = |error: safetensors::SafeTensorError| Problem::NotSafetensors(error.to_string());
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
@@ -167,8 +191,17 @@ impl Checkpoint {
                 Tensor { dtype: view.dtype(), shape: view.shape().to_vec(), bytes: view.data().to_vec() };
             (name.to_owned(), tensor)
         });
-        let header = metadata.metadata().as_ref().and_then(|metadata| metadata.get(METADATA_KEY).cloned());
-        Ok(Self { tensors: tensors.collect(), metadata: header })
+        let tensors = tensors.collect();
+        let metadata = metadata.metadata().clone().unwrap_or_default();
+        // Under another name it is a header of ours whose name is damaged.
+        let header =
+            metadata.into_iter().find(|(name, text)| name == METADATA_KEY || text.starts_with(START));
+        match header {
+            Some((name, text)) if name != METADATA_KEY || !is_sealed(bytes, &text) => {
+                Err(Problem::WrongSha256)
+            }
+            header => Ok(Self { tensors, metadata: header.map(|(_, text)| text) }),
+        }
     }
 
     /// The content of a file; equal checkpoints give equal bytes.
@@ -177,7 +210,9 @@ impl Checkpoint {
     /// When the format cannot express it.
     pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let metadata = self.metadata.clone().map(|header| HashMap::from([(METADATA_KEY.to_owned(), header)]));
-        safetensors::serialize(&self.tensors, metadata).map_err(io::Error::other)
+        let mut bytes = safetensors::serialize(&self.tensors, metadata).map_err(io::Error::other)?;
+        seal(&mut bytes);
+        Ok(bytes)
     }
 
     /// Writes a file whole.
@@ -185,8 +220,16 @@ impl Checkpoint {
     /// # Errors
     /// When it cannot be written; a file that was there before then still is.
     pub fn write(&self, path: &Path) -> io::Result<()> {
+        self.write_keeping(path, None)
+    }
+
+    /// As [`Self::write`], and the file that was there before stays under the name `kept`.
+    ///
+    /// # Errors
+    /// See there.
+    pub fn write_keeping(&self, path: &Path, kept: Option<&Path>) -> io::Result<()> {
         let bytes = self.to_bytes()?;
-        crate::files::write_whole(path, |file| file.write_all(&bytes))
+        write_whole_keeping(path, kept, |file| file.write_all(&bytes))
     }
 
     /// The header.
@@ -195,21 +238,21 @@ impl Checkpoint {
     /// When there is none, or it is of another version or damaged.
     pub fn header<H: DeserializeOwned>(&self) -> Result<H, Problem> {
         let text = self.metadata.as_deref().ok_or(Problem::NoHeader)?;
-        self.check_version()?;
+        self.version()?;
         serde_json::from_str(text).map_err(|error| Problem::BadHeader(error.to_string()))
     }
 
-    /// Makes sure that this program knows the format, if there is a header that names one.
-    fn check_version(&self) -> Result<(), Problem> {
-        #[derive(Deserialize)]
-        struct Version {
-            format_version: u64,
-        }
-        let Some(text) = self.metadata.as_deref() else { return Ok(()) };
-        match serde_json::from_str(text) {
-            Ok(Version { format_version }) if format_version == u64::from(FORMAT_VERSION) => Ok(()),
-            Ok(Version { format_version }) => Err(Problem::WrongVersion(format_version)),
-            Err(error) => Err(Problem::BadHeader(error.to_string())),
+    /// The format's version; none if another program wrote the file.
+    ///
+    /// # Errors
+    /// When this program does not know it, or the header does not say it.
+    pub fn version(&self) -> Result<Option<u32>, Problem> {
+        let Some(text) = self.metadata.as_deref() else { return Ok(None) };
+        let found: Found =
+            serde_json::from_str(text).map_err(|error| Problem::BadHeader(error.to_string()))?;
+        match found.format_version {
+            version @ 1..=FORMAT_VERSION => Ok(Some(version)),
+            version => Err(Problem::WrongVersion(version)),
         }
     }
 
@@ -281,7 +324,7 @@ impl Checkpoint {
     /// # Errors
     /// When there is none, it is of another shape, a weight is not finite, or a header names another version.
     pub fn policy(&self, inputs: usize, outputs: usize) -> Result<Mlp<f32>, Problem> {
-        self.check_version()?;
+        self.version()?;
         let mut sizes = Vec::new();
         for index in 0..MAX_LAYERS {
             let name = format!("{}.weight", 2 * index);
@@ -317,6 +360,42 @@ impl Checkpoint {
     }
 }
 
+/// Whether a file is as it was written, as far as its header says.
+fn is_sealed(bytes: &[u8], header: &str) -> bool {
+    let Ok(found) = serde_json::from_str::<Found>(header) else { return true };
+    match (found.sha256, seal_place(bytes)) {
+        (Some(sha256), Some(place)) => sha256 == sha256_without(bytes, place),
+        (Some(_), None) => false,
+        (None, _) => found.format_version < SEALED_VERSION,
+    }
+}
+
+/// Writes the SHA-256 of a file into it, if its header has a place for it.
+pub fn seal(bytes: &mut [u8]) {
+    if let Some(place) = seal_place(bytes) {
+        let sha256 = sha256_without(bytes, place.clone());
+        bytes[place].copy_from_slice(sha256.as_bytes());
+    }
+}
+
+fn seal_place(bytes: &[u8]) -> Option<Range<usize>> {
+    let start = bytes.windows(SEAL.len()).position(|window| window == SEAL)? + SEAL.len();
+    (start + NO_SHA256.len() <= bytes.len()).then_some(start..start + NO_SHA256.len())
+}
+
+/// The SHA-256 of a file in which that place holds zeros.
+fn sha256_without(bytes: &[u8], place: Range<usize>) -> String {
+    sha256([&bytes[..place.start], NO_SHA256.as_bytes(), &bytes[place.end..]])
+}
+
+/// SHA-256 in lower-case hexadecimal.
+pub fn sha256<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
+    use sha2::Digest as _;
+    let mut hash = sha2::Sha256::new();
+    parts.into_iter().for_each(|part| hash.update(part));
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// A layer's weight as [out, in] and its bias.
 fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
     let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
@@ -335,12 +414,8 @@ impl Tensor {
 /// SHA-256 over a network's parameters as little-endian f32 in the order `0.weight` [out, in], `0.bias`,
 /// `2.weight`, ….
 pub fn weights_sha256(network: &Mlp<f32>) -> String {
-    use sha2::Digest as _;
-    let mut hash = sha2::Sha256::new();
-    for layer in 0..network.num_layers() {
+    sha256((0..network.num_layers()).flat_map(|layer| {
         let (weight, bias) = torch_layer(network, layer);
-        hash.update(f32::to_bytes(&weight));
-        hash.update(f32::to_bytes(bias));
-    }
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+        [f32::to_bytes(&weight), f32::to_bytes(bias)]
+    }))
 }

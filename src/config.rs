@@ -5,6 +5,7 @@
 //! a line of `KEYS`, from which the JSON Schema and `config show` follow; a new alternative of a group is a line of
 //! `alternatives`.
 
+mod difference;
 mod keys;
 mod layer;
 mod schema;
@@ -26,7 +27,13 @@ use crate::env::{CartPole, Environment, EnvironmentId};
 use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
+pub use difference::difference;
 pub use schema::Setting;
+
+/// Largest config that is read, in bytes.
+pub const MAX_BYTES: u64 = 1 << 20;
+/// Most memory that a config may ask for, in bytes.
+const MAX_MEMORY: u64 = 8 << 30;
 
 /// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -242,11 +249,32 @@ impl Config {
                     json!(self.target)
                 ),
             ),
+            (
+                self.memory() <= MAX_MEMORY,
+                "network.hidden",
+                json!(self.network.hidden),
+                format!(
+                    "smaller layers: with `replay.batch_size` {batch_size} and `replay.capacity` {capacity} the run \
+                     would take about {} GiB of memory; at most {} are allowed",
+                    self.memory().div_ceil(1 << 30),
+                    MAX_MEMORY >> 30
+                ),
+            ),
         ];
         match rules.into_iter().find(|(holds, ..)| !holds) {
             Some((_, key, value, allowed)) => Err(invalid(origin, key, &value, allowed)),
             None => Ok(()),
         }
+    }
+
+    /// About how many bytes the large parts of a run take: the replay memory, the networks with their gradient and
+    /// Adam's moments, the activations of a batch.
+    fn memory(&self) -> u64 {
+        let sizes = self.network.sizes(CartPole::OBSERVATION_SIZE, CartPole::NUM_ACTIONS);
+        let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
+        let units: usize = sizes.iter().sum();
+        let ReplayConfig { capacity, batch_size, .. } = self.replay;
+        (24 * capacity + 32 * parameters + 16 * batch_size * units) as u64
     }
 
     /// The agent's part.
@@ -275,7 +303,6 @@ impl Config {
 /// # Errors
 /// The file cannot be opened or read, is larger, or is not UTF-8.
 pub fn read_file(path: &Path) -> Result<String, ConfigError> {
-    const MAX_BYTES: u64 = 1 << 20;
     let read = || {
         let mut bytes = Vec::new();
         File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;

@@ -1,8 +1,8 @@
-//! Files that are either whole or not there.
+//! Files that are either whole or not there, and reading what anybody may have written.
 
 use std::ffi::OsStr;
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::Path;
 
 const PREFIX: &str = ".writing-";
@@ -14,6 +14,19 @@ const SUFFIX: &str = ".tmp";
 /// # Errors
 /// Any failure on the way, that of `write` included; a file that was there before then still is.
 pub fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    write_whole_keeping(path, None, write)
+}
+
+/// As [`write_whole`], with the file that was there before under the name `kept`, whose own file goes. At any moment at
+/// least one of the two is there, whole.
+///
+/// # Errors
+/// See [`write_whole`].
+pub fn write_whole_keeping(
+    path: &Path,
+    kept: Option<&Path>,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
     if path.metadata().is_ok_and(|found| !found.is_file()) {
         let mut device = BufWriter::new(File::options().write(true).open(path)?);
         write(&mut device)?;
@@ -33,8 +46,21 @@ pub fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result
     drop(buffer);
     set_usual_permissions(file.as_file())?;
     file.as_file().sync_all()?;
+    match kept {
+        Some(kept) if path.exists() => keep(path, kept)?,
+        _ => {}
+    }
     file.persist(path)?;
     sync_folder(folder)
+}
+
+/// Gives a file a second name; where a file system has no hard links, another one.
+fn keep(path: &Path, kept: &Path) -> io::Result<()> {
+    match fs::remove_file(kept) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    fs::hard_link(path, kept).or_else(|_| fs::rename(path, kept))
 }
 
 /// Makes a rename in a folder last; Windows does not open folders.
@@ -51,6 +77,55 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> 
         serde_json::to_writer_pretty(&mut *file, value)?;
         file.write_all(b"\n")
     })
+}
+
+/// Opens an ordinary file: a pipe could wait for ever, a device have no end.
+///
+/// # Errors
+/// When it is something else or cannot be opened.
+pub fn open_ordinary(options: &fs::OpenOptions, path: &Path) -> io::Result<File> {
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "not an ordinary file"));
+    }
+    options.open(path)
+}
+
+/// Reads an ordinary file of at most `max_bytes`.
+///
+/// # Errors
+/// When it is larger, or not an ordinary file, or cannot be read.
+pub fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
+    let file = open_ordinary(File::options().read(true), path)?;
+    let mut bytes = Vec::new();
+    file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > max_bytes {
+        let message = format!("larger than {max_bytes} bytes");
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, message));
+    }
+    Ok(bytes)
+}
+
+/// As [`read_limited`], as text.
+///
+/// # Errors
+/// See there, and when it is not UTF-8.
+pub fn read_text_limited(path: &Path, max_bytes: u64) -> io::Result<String> {
+    let text = String::from_utf8(read_limited(path, max_bytes)?);
+    text.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+}
+
+/// Removes what a killed process has left half-written in a folder.
+///
+/// # Errors
+/// When the folder cannot be read or a file in it not removed.
+pub fn remove_unfinished(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if is_unfinished(&entry.file_name()) {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 /// Whether a file's name is that of an unfinished one, which a killed process leaves behind.

@@ -23,7 +23,30 @@ pub enum Stream {
 
 /// A stream of random numbers; serialising it keeps its place.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Saved")]
 pub struct Rng(Pcg64);
+
+/// A stream in a file.
+#[derive(Deserialize)]
+struct Saved {
+    state: u128,
+    increment: u128,
+}
+
+impl TryFrom<Saved> for Rng {
+    type Error = &'static str;
+
+    /// An even increment would shorten the period, down to 1: a draw that is repeated until it fits would hang.
+    fn try_from(Saved { state, increment }: Saved) -> Result<Self, Self::Error> {
+        if increment.is_multiple_of(2) {
+            return Err("the increment of a generator is even");
+        }
+        // `new` makes the step after `state`.
+        let mut generator = Pcg64::new(state.wrapping_sub(increment), increment >> 1);
+        generator.advance(u128::MAX);
+        Ok(Self(generator))
+    }
+}
 
 impl Rng {
     /// The stream of `numpy.random.default_rng(seed)`.

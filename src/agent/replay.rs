@@ -67,8 +67,6 @@ pub struct Minibatch {
     pub next_observations: DMatrix<f32>,
     /// Whether the value of s′ is 0.
     pub terminated: Vec<bool>,
-    /// First and last slot of each sample's window in the memory.
-    windows: Vec<(usize, usize)>,
 }
 
 impl Minibatch {
@@ -81,7 +79,6 @@ impl Minibatch {
             discounts: vec![0.0; batch_size],
             next_observations: DMatrix::zeros(batch_size, observation_size),
             terminated: vec![false; batch_size],
-            windows: vec![(0, 0); batch_size],
         }
     }
 }
@@ -232,6 +229,8 @@ impl Replay {
     /// addition, from the first transition to the last.
     pub fn gather(&self, ages: &[usize], n_step: usize, gamma: f32, minibatch: &mut Minibatch) {
         let batch = ages.len();
+        let observations = minibatch.observations.as_mut_slice();
+        let next_observations = minibatch.next_observations.as_mut_slice();
         for (sample, &age) in ages.iter().enumerate() {
             let first = self.slot(age);
             let (mut last, mut reward, mut discount) = (first, self.rewards[first], gamma);
@@ -247,24 +246,10 @@ impl Replay {
             minibatch.rewards[sample] = reward;
             minibatch.discounts[sample] = discount;
             minibatch.terminated[sample] = self.ends[last] == End::Terminated;
-            minibatch.windows[sample] = (first, last);
-        }
-        let Minibatch { observations, next_observations, windows, .. } = minibatch;
-        let size = self.observation_size;
-        let columns = observations.as_mut_slice().chunks_exact_mut(batch);
-        for (feature, (column, next_column)) in
-            columns.zip(next_observations.as_mut_slice().chunks_exact_mut(batch)).enumerate()
-        {
-            for ((value, next_value), &(first, last)) in column.iter_mut().zip(next_column).zip(&*windows) {
-                *value = self.observations[first * size + feature];
-                *next_value = self.observations[self.following(last) * size + feature];
-            }
-        }
-        for (sample, &(_, last)) in windows.iter().enumerate() {
-            if self.ends[last] != End::Continues {
-                for (feature, &value) in self.next_observation(last).iter().enumerate() {
-                    next_observations[(sample, feature)] = value;
-                }
+            let values = self.observation(first).iter().zip(self.next_observation(last));
+            for (feature, (&value, &next_value)) in values.enumerate() {
+                observations[feature * batch + sample] = value;
+                next_observations[feature * batch + sample] = next_value;
             }
         }
     }
@@ -337,6 +322,7 @@ impl Replay {
         &mut self.observations[slot * self.observation_size..][..self.observation_size]
     }
 
+    #[inline]
     fn next_observation(&self, slot: usize) -> &[f32] {
         if self.ends[slot] == End::Continues {
             return self.observation(self.following(slot));

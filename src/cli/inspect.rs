@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::run_dir::checkpoint_of;
 use super::{Failure, print};
-use crate::checkpoint::{Checkpoint, CheckpointError, FORMAT_VERSION, Problem};
+use crate::checkpoint::{Checkpoint, CheckpointError, Problem};
 use crate::env::{CartPole, Environment, TimeLimit};
 use crate::trainer::Header;
 
@@ -33,7 +33,7 @@ fn describe(checkpoint: &Checkpoint) -> Result<String, Problem> {
     let _ = match checkpoint.header::<Header>() {
         Err(Problem::NoHeader) => writeln!(text, "written by another program"),
         Err(problem) => return Err(problem),
-        Ok(header) => describe_header(&mut text, &header),
+        Ok(header) => describe_header(&mut text, &header, checkpoint.version()?),
     };
     type Task = TimeLimit<CartPole>;
     let _ = match checkpoint.policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS) {
@@ -51,9 +51,9 @@ fn describe(checkpoint: &Checkpoint) -> Result<String, Problem> {
     Ok(text)
 }
 
-fn describe_header(text: &mut String, header: &Header) -> std::fmt::Result {
+fn describe_header(text: &mut String, header: &Header, version: Option<u32>) -> std::fmt::Result {
     let state = if header.state.is_some() { "policy and state of the run" } else { "policy" };
-    writeln!(text, "format     cartpole-dqn version {FORMAT_VERSION}: {state}")?;
+    writeln!(text, "format     cartpole-dqn version {}: {state}", version.unwrap_or_default())?;
     writeln!(text, "env_steps  {}", header.env_steps)?;
     if let Some(evaluation) = header.evaluation {
         writeln!(text, "evaluation mean return {:.2} at step {}", evaluation.mean, evaluation.env_steps)?;

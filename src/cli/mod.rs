@@ -5,9 +5,12 @@ mod config;
 mod eval;
 mod inspect;
 mod report;
+mod resume;
 mod run_dir;
+mod signals;
 mod study;
 mod train;
+mod verify;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -21,7 +24,7 @@ use crate::trainer::TrainError;
 
 /// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
 ///
-/// Exit codes: 0 done, 1 failed (or below --min-mean), 2 wrong usage or bad input.
+/// Exit codes: 0 done, 1 failed (or below --min-mean), 2 wrong usage or bad input, 130 or 143 stopped by a signal.
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100)]
 struct Arguments {
@@ -36,6 +39,7 @@ enum Command {
     Inspect(inspect::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
+    Verify(verify::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
 }
@@ -47,6 +51,8 @@ enum Failure {
     BadInput(String),
     /// It was tried and failed: exit code 1.
     Failed(String),
+    /// A signal stopped it: that signal's exit code.
+    Interrupted(String, u8),
 }
 
 impl From<ConfigError> for Failure {
@@ -79,13 +85,6 @@ impl From<TrainError> for Failure {
     }
 }
 
-impl Failure {
-    fn message(&self) -> &str {
-        let (Self::BadInput(message) | Self::Failed(message)) = self;
-        message
-    }
-}
-
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
     let command = Arguments::parse().command;
@@ -96,21 +95,29 @@ pub fn run() -> ExitCode {
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
+    let (message, exit_code) = match failure {
+        Failure::BadInput(message) => (format!("error: {message}"), 2),
+        Failure::Failed(message) => (format!("error: {message}"), 1),
+        Failure::Interrupted(message, exit_code) => (message, exit_code),
+    };
     // A closed stderr leaves nobody to tell.
-    let _ = writeln!(io::stderr(), "error: {}", failure.message());
-    match failure {
-        Failure::BadInput(_) => ExitCode::from(2),
-        Failure::Failed(_) => ExitCode::FAILURE,
-    }
+    let _ = writeln!(io::stderr(), "{message}");
+    ExitCode::from(exit_code)
 }
 
 /// Parses a seed.
 fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("expected an integer from 0 to {}", u64::MAX))
+}
+
+/// Says on stderr what the user should know though nothing has failed.
+fn note(text: &str) {
+    let _ = writeln!(io::stderr(), "note: {text}");
 }
 
 /// Prints to stdout. A reader that has gone away (`| head`) is no failure.

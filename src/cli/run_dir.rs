@@ -1,22 +1,21 @@
 //! The folder of one run.
 
-use std::fs;
+use std::fs::{self, DirEntry, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
-use crate::config::{Config, read_file};
-use crate::files::{is_unfinished, write_json};
+use crate::config::{Config, MAX_BYTES};
+use crate::files::{is_unfinished, open_ordinary, read_text_limited, write_json};
 use crate::report;
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
+use crate::trainer::{BEST, LAST, PREVIOUS};
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
 const SUMMARY: &str = "summary.json";
 const CHECKPOINTS: &str = "checkpoints";
 const TENSORBOARD: &str = "tensorboard";
-const BEST: &str = "best.safetensors";
-const LAST: &str = "last.safetensors";
 
 /// A run's folder and the paths in it.
 #[derive(Debug)]
@@ -30,52 +29,135 @@ impl RunDir {
     /// then removed.
     pub(super) fn create(path: &Path, force: bool, config: &Config) -> Result<(Self, JsonLines), Failure> {
         let run = Self { path: path.to_owned() };
-        let is_empty = match fs::read_dir(path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => true,
+        let entries = match fs::read_dir(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(_) if path.exists() && !path.is_dir() => {
                 return Err(bad(path, "is a file; choose another --out"));
             }
-            Err(error) => {
-                return Err(bad(path, &format!("cannot be used for a run: {error}; choose another --out")));
-            }
-            Ok(mut entries) => entries.next().is_none(),
+            entries => entries.and_then(Iterator::collect).map_err(|error| {
+                bad(path, &format!("cannot be used for a run: {error}; choose another --out"))
+            })?,
         };
-        if !is_empty && !force {
-            return Err(bad(path, "is not empty; choose another --out, or --force to replace the run in it"));
+        let is_free = entries.iter().all(|entry| run.is_of_no_run(entry));
+        if !is_free && !force {
+            return Err(bad(
+                path,
+                "is not empty; choose another --out, --force to replace the run in it, or go on with that run: \
+                 train --resume",
+            ));
         }
-        if !is_empty {
-            tempfile::tempfile_in(path).map_err(|error| bad(path, &format!("cannot be written: {error}")))?;
-            run.remove_run().map_err(|reason| bad(path, &reason))?;
-        }
+        let replaced =
+            if is_free { Vec::new() } else { run.replaceable().map_err(|reason| bad(path, &reason))? };
         let missing: Vec<&Path> =
             path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
-        let metrics = run.fill(config).map_err(|error| {
+        let metrics = run.fill(is_free, replaced, config).map_err(|error| {
             // What this call has made goes again; what was there is not empty and stays.
             let _ = fs::remove_dir(run.checkpoints());
             missing.iter().for_each(|path| drop(fs::remove_dir(path)));
-            bad(path, &format!("cannot be written: {error}; choose another --out"))
+            match error.kind() {
+                io::ErrorKind::WouldBlock => in_use(path),
+                _ => bad(path, &format!("cannot be written: {error}; choose another --out")),
+            }
         })?;
         Ok((run, metrics))
     }
 
-    fn fill(&self, config: &Config) -> io::Result<JsonLines> {
+    /// The folder of a run that is there, and the config in it.
+    pub(super) fn open(path: &Path) -> Result<(Self, Config), Failure> {
+        let run = Self { path: path.to_owned() };
+        let config = run.read_config()?;
+        let files = [run.config(), run.metrics(), run.summary(), run.best(), run.last(), run.previous()];
+        let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
+            Ok(found) if **path == run.checkpoints() => !found.is_dir(),
+            Ok(found) => !found.is_file(),
+            Err(_) => false,
+        };
+        if let Some(foreign) = files.iter().chain([&run.checkpoints()]).find(is_foreign) {
+            let problem = format!("holds {}, which is a link or not what its name says", foreign.display());
+            return Err(bad(path, &problem));
+        }
+        if !run.metrics().exists() {
+            return Err(bad(path, &format!("has no {METRICS}: its run is lost; train again")));
+        }
+        Ok((run, config))
+    }
+
+    /// The run's metrics; as long as they are there, the folder belongs to this process.
+    pub(super) fn take(&self) -> Result<JsonLines, Failure> {
+        JsonLines::open(&self.metrics()).map_err(|error| match error.kind() {
+            io::ErrorKind::WouldBlock => in_use(&self.path),
+            _ => bad(&self.path, &format!("cannot be written: {METRICS}: {error}")),
+        })
+    }
+
+    /// Keeps other processes from changing the run, as long as the file is there; it need not be writable.
+    pub(super) fn share(&self) -> Result<File, Failure> {
+        let file = open_ordinary(File::options().read(true), &self.metrics())
+            .map_err(|error| bad(&self.path, &format!("cannot be read: {METRICS}: {error}")))?;
+        match file.try_lock_shared() {
+            Err(TryLockError::WouldBlock) => Err(in_use(&self.path)),
+            Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+        }
+    }
+
+    /// The config of the run in the folder.
+    pub(super) fn read_config(&self) -> Result<Config, Failure> {
+        if !self.path.is_dir() {
+            return Err(bad(&self.path, "is no folder; give the folder of a run, such as runs/my-run"));
+        }
+        let path = self.config();
+        let text = read_text_limited(&path, MAX_BYTES)
+            .map_err(|error| bad(&self.path, &format!("is no run: {CONFIG}: {error}")))?;
+        let config = Config::from_layers(Some((&path.display().to_string(), &text)), &[]);
+        config.map_err(|error| Failure::BadInput(error.to_string()))
+    }
+
+    fn fill(&self, is_free: bool, replaced: Vec<PathBuf>, config: &Config) -> io::Result<JsonLines> {
         fs::create_dir_all(self.checkpoints())?;
-        // The metrics first: this fails if another process has just taken the same folder.
-        let metrics = JsonLines::create(&self.metrics())?;
-        write_json(&self.config(), config).inspect_err(|_| drop(fs::remove_file(self.metrics())))?;
+        let mut metrics = JsonLines::open(&self.metrics())?;
+        if is_free && self.config().exists() {
+            // Another process has just made a run here.
+            return Err(io::ErrorKind::WouldBlock.into());
+        }
+        // The old config stays until the new one takes its place: a run that is half replaced can still be replaced.
+        replaced.iter().try_for_each(fs::remove_file)?;
+        // The new run may have none; where it stays it is empty.
+        let _ = fs::remove_dir(self.tensorboard());
+        metrics.cut(0)?;
+        write_json(&self.config(), config).inspect_err(|_| {
+            if is_free {
+                drop(fs::remove_file(self.metrics()))
+            }
+        })?;
         Ok(metrics)
     }
 
-    /// Removes a run's files, after making sure that there are no others.
-    fn remove_run(&self) -> Result<(), String> {
-        let own = [self.config(), self.metrics(), self.summary(), self.best(), self.last()];
+    /// Whether an entry of the folder is nothing that anybody would miss: a process that was killed before there was a
+    /// run has left it.
+    fn is_of_no_run(&self, entry: &DirEntry) -> bool {
+        let path = entry.path();
+        let is_empty_folder = || fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_none());
+        is_unfinished(&entry.file_name())
+            || (path == self.metrics()
+                && is_ordinary(&path)
+                && entry.metadata().is_ok_and(|file| file.len() == 0))
+            || (path == self.checkpoints() && is_empty_folder())
+    }
+
+    /// The files of a run that is to be replaced, but for its config and metrics, after making sure that there are no
+    /// others.
+    fn replaceable(&self) -> Result<Vec<PathBuf>, String> {
         let unreadable = |error: io::Error| format!("cannot be read: {error}");
-        let config = read_file(&self.config()).ok();
+        tempfile::tempfile_in(&self.path).map_err(|error| format!("cannot be written: {error}"))?;
+        // More than `read_config` asks for: every key.
+        let config = read_text_limited(&self.config(), MAX_BYTES).ok();
         if config.is_none_or(|text| serde_json::from_str::<Config>(&text).is_err()) {
             return Err(format!(
                 "is not a run (it has no {CONFIG} of one); --force replaces a run and nothing else"
             ));
         }
+        let stay = [self.config(), self.metrics()];
+        let go = [self.summary(), self.best(), self.last(), self.previous()];
         let mut entries = Vec::new();
         let mut files = Vec::new();
         for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
@@ -85,34 +167,21 @@ impl RunDir {
         }
         for entry in entries {
             let entry = entry.map_err(unreadable)?;
-            let path = entry.path();
-            match path.is_dir() {
-                true if path == self.checkpoints() || path == self.tensorboard() => {}
-                false
-                    if own.contains(&path)
-                        || self.is_events(&path)
-                        || is_unfinished(&entry.file_name())
-                        || report::is_part(&entry.file_name()) =>
-                {
-                    files.push(path);
-                }
-                _ => {
-                    return Err(format!(
-                        "holds {}, which is not of a run; --force replaces a run and nothing else",
-                        path.display()
-                    ));
-                }
+            let (path, name) = (entry.path(), entry.file_name());
+            let is_folder = path == self.checkpoints() || path == self.tensorboard();
+            if (is_folder && path.is_dir()) || (stay.contains(&path) && is_ordinary(&path)) {
+                continue;
             }
+            let is_own = go.contains(&path) || self.is_events(&path) || report::is_part(&name);
+            if path.is_dir() || !(is_own || is_unfinished(&name)) {
+                return Err(format!(
+                    "holds {}, which is not of a run; --force replaces a run and nothing else",
+                    path.display()
+                ));
+            }
+            files.push(path);
         }
-        // The config last: while it is there, what is left can still be replaced.
-        files.sort_by_key(|path| *path == self.config());
-        for path in files {
-            fs::remove_file(&path)
-                .map_err(|error| format!("cannot be replaced: {}: {error}", path.display()))?;
-        }
-        // The next run may have none; an error leaves an empty folder.
-        let _ = fs::remove_dir(self.tensorboard());
-        Ok(())
+        Ok(files)
     }
 
     fn is_events(&self, path: &Path) -> bool {
@@ -144,6 +213,14 @@ impl RunDir {
     pub(super) fn last(&self) -> PathBuf {
         self.checkpoints().join(LAST)
     }
+    pub(super) fn previous(&self) -> PathBuf {
+        self.checkpoints().join(PREVIOUS)
+    }
+}
+
+/// A file, and not a link to one: what is written to a run must not go elsewhere.
+fn is_ordinary(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|found| found.is_file())
 }
 
 /// The checkpoint that a user means: the file itself, or of a run's folder the best, else the last.
@@ -157,6 +234,10 @@ pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
     })
 }
 
-fn bad(path: &Path, problem: &str) -> Failure {
+pub(super) fn bad(path: &Path, problem: &str) -> Failure {
     Failure::BadInput(format!("folder {} {problem}", path.display()))
+}
+
+fn in_use(path: &Path) -> Failure {
+    bad(path, "is in use: another process trains in it; wait for it or choose another folder")
 }

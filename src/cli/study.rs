@@ -21,6 +21,8 @@ use crate::study::{NamedConfig, Study, StudyDir, StudyError, Trial};
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
 /// Most configs of a study, so that a slip of the keyboard does not fill the memory.
 const MAX_CONFIGS: usize = 10_000;
+/// Most seeds of a study, for the same reason.
+const MAX_SEEDS: u64 = 1_000_000;
 
 /// Train every config, in every variation, with every seed.
 ///
@@ -73,9 +75,13 @@ impl From<StudyError> for Failure {
 
 fn seeds(text: &str) -> Result<Range<u64>, String> {
     let range = text.split_once("..").and_then(|(start, end)| Some(start.parse().ok()?..end.parse().ok()?));
-    range.filter(|range| !range.is_empty()).ok_or_else(|| {
+    let range: Range<u64> = range.filter(|range: &Range<u64>| !range.is_empty()).ok_or_else(|| {
         format!("expected A..B with integers A < B up to {}, for example 0..100, which ends at 99", u64::MAX)
-    })
+    })?;
+    match range.end - range.start {
+        0..=MAX_SEEDS => Ok(range),
+        seeds => Err(format!("these are {seeds} seeds; at most {MAX_SEEDS} are allowed")),
+    }
 }
 
 fn variation(text: &str) -> Result<Variation, String> {

@@ -4,14 +4,19 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
+use serde::Serialize;
 
+use super::resume::{Resumed, Run, resume};
 use super::run_dir::RunDir;
+use super::signals::Signals;
 use super::{Failure, print, print_json};
+use crate::checkpoint::sha256;
 use crate::config::{self, Config};
 use crate::env::CartPole;
-use crate::files::write_json;
+use crate::files::{read_limited, write_json};
+use crate::nn::kernels;
 use crate::sink::{Console, TensorBoard};
-use crate::trainer::{EndReason, EventSink, Summary, Trainer};
+use crate::trainer::{EndReason, EventSink, Summary, TrainError, Trainer};
 
 /// The default config, `configs/cartpole.json`.
 pub(super) const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
@@ -43,6 +48,9 @@ pub(super) struct Arguments {
     /// Replace the run that is in the folder
     #[arg(long)]
     force: bool,
+    /// Go on with the run in this folder where it was stopped; --set can give it a larger budget
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "force"])]
+    resume: Option<PathBuf>,
     /// Write TensorBoard event files to the run's folder `tensorboard`
     #[arg(long)]
     tensorboard: bool,
@@ -55,32 +63,44 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
-    let config = resolve(arguments.config.as_deref(), &arguments.set, arguments.seed)?;
-    let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments, &config));
-    let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
+    let signals = Signals::listen()?;
+    let started = match &arguments.resume {
+        Some(path) => resume(path, &sets(&arguments.set, arguments.seed))?,
+        None => Some(start(&arguments)?),
+    };
+    let Some((run, metrics, mut trainer)) = started else { return Ok(()) };
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
     if !arguments.quiet {
-        sinks.push(Box::new(Console::new(config.budget)));
+        sinks.push(Box::new(Console::new(trainer.config().budget, trainer.progress().env_steps)));
     }
     if arguments.tensorboard {
-        let (folder, optimizer) = (run.tensorboard(), config.optimizer);
-        let events = TensorBoard::create(&folder, move |steps| optimizer.learning_rate_after(steps));
+        let (folder, optimizer) = (run.tensorboard(), trainer.config().optimizer);
+        let learning_rate = move |steps| optimizer.learning_rate_after(steps);
+        let events = TensorBoard::create(&folder, trainer.progress().env_steps, learning_rate);
         sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error))?));
     }
     let start = Instant::now();
-    let mut trainer = Trainer::new(config, CartPole::v1());
-    let reason = trainer.run(&mut sinks, Some(&run.checkpoints())).map_err(|error| {
+    let reason = trainer.run(&mut sinks, Some(&run.checkpoints()), &signals.stop).map_err(|error| {
         let kept = if run.last().is_file() { "the last good checkpoint is" } else { "what was written is" };
-        Failure::Failed(format!("{error}; {kept} kept in {}", run.path().display()))
+        let hint = match error {
+            TrainError::Diverged { .. } => String::new(),
+            _ => format!("; once that is mended, go on with: {}", resume_command(&run)),
+        };
+        Failure::Failed(format!("{error}; {kept} kept in {}{hint}", run.path().display()))
     })?;
-    let summary = trainer.summary(reason, start.elapsed().as_secs_f64());
-    drop(sinks);
+    if reason == EndReason::Interrupted {
+        drop(sinks);
+        let steps = trainer.progress().env_steps;
+        let message = format!("stopped after step {steps}; go on with:\n  {}", resume_command(&run));
+        return Err(Failure::Interrupted(message, signals.exit_code()));
+    }
+    let record = Record::new(&run, &trainer, reason, start.elapsed().as_secs_f64());
     // The summary is also printed when it cannot be saved.
-    let saved = write_json(&run.summary(), &summary);
+    let saved = write_json(&run.summary(), &record);
     match (arguments.json, arguments.quiet) {
-        (true, _) => print_json(&summary)?,
+        (true, _) => print_json(&record)?,
         (false, true) => {}
-        (false, false) => print(&describe(&summary, &run))?,
+        (false, false) => print(&describe(&record.summary, &run))?,
     }
     saved.map_err(|error| cannot_write(&run.summary(), &error))
 }
@@ -89,17 +109,59 @@ fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
     Failure::Failed(format!("cannot write {}: {error}", path.display()))
 }
 
-/// Defaults < file < `--set` < `--seed`.
-pub(super) fn resolve(file: Option<&Path>, sets: &[String], seed: Option<u64>) -> Result<Config, Failure> {
+/// `summary.json`: what the run came to, and what it takes to repeat it.
+#[derive(Serialize)]
+pub(super) struct Record {
+    #[serde(flatten)]
+    summary: Summary,
+    /// SHA-256 over `config.json`; none if it is gone.
+    config_sha256: Option<String>,
+    version: &'static str,
+    /// None where the program was not built from a clone; `-dirty` behind it if from changed files.
+    git_revision: Option<&'static str>,
+    /// The instruction set of the kernels.
+    cpu_path: &'static str,
+}
+
+impl Record {
+    /// What says how the program was built and where it ran, and not what it computed.
+    pub(super) const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
+
+    pub(super) fn new(run: &RunDir, trainer: &Run, reason: EndReason, wall_seconds: f64) -> Self {
+        let config = read_limited(&run.config(), config::MAX_BYTES);
+        Self {
+            summary: trainer.summary(reason, wall_seconds),
+            config_sha256: config.ok().map(|config| sha256([config])),
+            version: env!("CARGO_PKG_VERSION"),
+            git_revision: option_env!("CARTPOLE_DQN_REVISION"),
+            cpu_path: kernels::Path::current().name(),
+        }
+    }
+}
+
+/// A new run in its own folder.
+fn start(arguments: &Arguments) -> Result<Resumed, Failure> {
+    let config = resolve(arguments.config.as_deref(), &sets(&arguments.set, arguments.seed))?;
+    let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, &config));
+    let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
+    Ok((run, metrics, Trainer::new(config, CartPole::v1())))
+}
+
+/// `--set` < `--seed`.
+pub(super) fn sets(sets: &[String], seed: Option<u64>) -> Vec<String> {
+    let seed = seed.map(|seed| format!("seed={seed}"));
+    sets.iter().cloned().chain(seed).collect()
+}
+
+/// Defaults < file < sets.
+pub(super) fn resolve(file: Option<&Path>, sets: &[String]) -> Result<Config, Failure> {
     let file = file.map(|path| Ok::<_, Failure>((path.display().to_string(), config::read_file(path)?)));
     let file = file.transpose()?;
     let layer = match &file {
         Some((name, text)) => (name.as_str(), text.as_str()),
         None => ("the built-in config", DEFAULT_CONFIG),
     };
-    let seed = seed.map(|seed| format!("seed={seed}"));
-    let sets: Vec<String> = sets.iter().cloned().chain(seed).collect();
-    Ok(Config::from_layers(Some(layer), &sets)?)
+    Ok(Config::from_layers(Some(layer), sets)?)
 }
 
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
@@ -118,6 +180,7 @@ fn describe(summary: &Summary, run: &RunDir) -> String {
     let ended = match summary.end_reason {
         EndReason::Budget => "budget used up",
         EndReason::Solved => "solved",
+        EndReason::Interrupted => "interrupted",
     };
     let solved = summary.solved_at_step.map_or_else(|| "not".into(), |step| format!("first at step {step}"));
     format!(
@@ -135,10 +198,19 @@ Evaluate it on episodes that it has not seen:
         evaluation(summary.best_evaluation),
         evaluation(summary.final_evaluation),
         summary.weights_sha256,
-        shell_word(&std::env::args().next().unwrap_or_else(|| "cartpole-dqn".into())),
+        program(),
         shell_word(&run.path().to_string_lossy()),
         path = run.path().display(),
     )
+}
+
+fn resume_command(run: &RunDir) -> String {
+    format!("{} train --resume {}", program(), shell_word(&run.path().to_string_lossy()))
+}
+
+/// This program, as it was called.
+fn program() -> String {
+    shell_word(&std::env::args().next().unwrap_or_else(|| "cartpole-dqn".into()))
 }
 
 /// A word as it can be typed into a shell.

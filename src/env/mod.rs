@@ -37,6 +37,11 @@ pub trait Environment: Clone + Serialize + DeserializeOwned {
 
     /// The full state in f64, for traces: more precise than the observation.
     fn state(&self) -> &[f64];
+
+    /// Whether a state that was read from a file can be one of this environment, between two of its steps.
+    fn admits(&self, _state: &Self) -> bool {
+        true
+    }
 }
 
 /// What one time step brought.

@@ -43,4 +43,10 @@ impl<E: Environment> Environment for TimeLimit<E> {
     fn state(&self) -> &[f64] {
         self.environment.state()
     }
+
+    fn admits(&self, state: &Self) -> bool {
+        state.max_steps == self.max_steps
+            && state.elapsed_steps < self.max_steps
+            && self.environment.admits(&state.environment)
+    }
 }

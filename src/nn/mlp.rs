@@ -10,6 +10,8 @@ use crate::rng::Rng;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mlp<T> {
     sizes: Vec<usize>,
+    /// Where each layer begins in the parameters, and where the last one ends.
+    starts: Vec<usize>,
     parameters: Vec<T>,
 }
 
@@ -73,8 +75,11 @@ impl Mlp<f32> {
 impl<T: Float> Mlp<T> {
     /// A network of these layer sizes (at least input and output) with all parameters 0.
     pub fn zeros(sizes: Vec<usize>) -> Self {
-        let count = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
-        Self { sizes, parameters: vec![T::ZERO; count] }
+        let mut starts = vec![0];
+        for (layer, pair) in sizes.windows(2).enumerate() {
+            starts.push(starts[layer] + (pair[0] + 1) * pair[1]);
+        }
+        Self { parameters: vec![T::ZERO; starts[starts.len() - 1]], sizes, starts }
     }
 
     /// Layer sizes, from the input to the output.
@@ -120,9 +125,7 @@ impl<T: Float> Mlp<T> {
 
     /// Where a layer lies in the flat parameters.
     fn range(&self, layer: usize) -> std::ops::Range<usize> {
-        let size = |layer: usize| (self.sizes[layer] + 1) * self.sizes[layer + 1];
-        let start = (0..layer).map(size).sum();
-        start..start + size(layer)
+        self.starts[layer]..self.starts[layer + 1]
     }
 
     /// x₁ = ReLU(W₁ x₀ + b₁), …, xₗ = Wₗ xₗ₋₁ + bₗ, from the input that is in `activations`.

@@ -33,11 +33,19 @@ pub(super) struct History {
 impl History {
     pub(super) fn read(path: &Path) -> Result<Self, ReportError> {
         let text = read(path)?;
-        let mut history = Self::default();
+        let (mut history, mut last_step) = (Self::default(), 0);
         let lines: Vec<&str> = text.lines().collect();
         for (i, line) in lines.iter().enumerate() {
             match serde_json::from_str(line) {
-                Ok(event) => history.take(&event),
+                Ok::<Value, _>(event) => {
+                    let step = event["env_steps"].as_u64().unwrap_or(last_step);
+                    if step < last_step {
+                        let problem = format!("line {}: `env_steps` goes back to {step}", i + 1);
+                        return Err(ReportError::new(path, problem));
+                    }
+                    last_step = step;
+                    history.take(&event);
+                }
                 // A run that was killed can leave half a line at the end.
                 Err(_) if i + 1 == lines.len() && !text.ends_with('\n') => {}
                 Err(error) => return Err(ReportError::new(path, format!("line {}: {error}", i + 1))),

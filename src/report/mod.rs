@@ -12,13 +12,13 @@ mod study;
 mod svg;
 
 use std::fmt::Write;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 pub use html::page;
 
+use crate::files::read_text_limited;
 use crate::study::MANIFEST;
 use crate::trainer::Evaluation;
 
@@ -30,6 +30,9 @@ pub const EVALUATIONS: &str = "evaluations.csv";
 const PAGE: &str = "report.html";
 /// Version of `report.json`.
 pub const FORMAT_VERSION: u32 = 1;
+
+/// Largest file that is read, in bytes.
+const MAX_FILE_SIZE: u64 = 1 << 30;
 
 /// A finished report.
 #[derive(Clone, Debug)]
@@ -82,7 +85,7 @@ pub fn is_part(name: &std::ffi::OsStr) -> bool {
 }
 
 fn read(path: &Path) -> Result<String, ReportError> {
-    fs::read_to_string(path).map_err(|error| ReportError::new(path, error))
+    read_text_limited(path, MAX_FILE_SIZE).map_err(|error| ReportError::new(path, error))
 }
 
 fn parse<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ReportError> {

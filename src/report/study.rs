@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::history::{self, Retention, THRESHOLD};
 use super::statistics::{self, BOOTSTRAP_SEED, Estimate, LEAST_SEEDS, RESAMPLES, iqm, mean, median, sorted};
 use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots, table};
-use crate::study::{self, MANIFEST, PolicyScore, Trial, read_trial, trial_path};
+use crate::study::{self, MANIFEST, PolicyScore, Trial, finished_seeds, read_trial, trial_path};
 use crate::trainer::Evaluation;
 
 /// The thresholds τ of a performance profile: 0, 5, …, 495.
@@ -160,7 +160,7 @@ impl Study {
             format_version: FORMAT_VERSION,
             kind: "study",
             threshold: THRESHOLD,
-            trials: manifest.seeds.clone().count() * configs.len(),
+            trials: manifest.seeds.clone().count().saturating_mul(configs.len()),
             finished: trials.iter().map(Vec::len).sum(),
             failed: configs.iter().map(|config| config.failed).sum(),
             bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
@@ -188,12 +188,10 @@ fn read_trials(folder: &Path, manifest: &Manifest) -> Result<Vec<Vec<Trial>>, Re
     let mut groups = Vec::new();
     for (i, Named { name, .. }) in manifest.configs.iter().enumerate() {
         let mut trials = Vec::new();
-        for seed in manifest.seeds.clone() {
-            let path = trial_path(folder, (i, seed));
-            if path.exists() {
-                let trial = read_trial(&path, name, seed);
-                trials.push(trial.map_err(|error| ReportError::new(folder, error))?);
-            }
+        let seeds = finished_seeds(folder, i).map_err(|error| ReportError::new(folder, error))?;
+        for seed in seeds.into_iter().filter(|seed| manifest.seeds.contains(seed)) {
+            let trial = read_trial(&trial_path(folder, (i, seed)), name, seed);
+            trials.push(trial.map_err(|error| ReportError::new(folder, error))?);
         }
         if trials.is_empty() {
             let problem = format!("no trial of config {name:?} is finished; run the study's command first");

@@ -160,6 +160,9 @@ impl Plot {
 
     /// The area between two lines: (x, low, high).
     pub(super) fn band(&mut self, series: usize, points: &[(f64, f64, f64)]) {
+        if points.is_empty() {
+            return;
+        }
         let upper = points.iter().map(|&(x, _, high)| (x, high));
         let path = self.path(upper.chain(points.iter().rev().map(|&(x, low, _)| (x, low))));
         let _ = writeln!(self.marks, r#"<path d="{path}Z" fill="{}" fill-opacity="0.18"/>"#, colour(series));

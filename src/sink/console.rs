@@ -17,14 +17,16 @@ pub struct Console {
     bar: ProgressBar,
     budget: Budget,
     start: Instant,
+    /// Environment steps before it.
+    start_steps: u64,
     last_line: Option<Instant>,
     episode: String,
     evaluation: String,
 }
 
 impl Console {
-    /// A display for a run with this budget.
-    pub fn new(budget: Budget) -> Self {
+    /// A display for a run with this budget that goes on after `start_steps` environment steps.
+    pub fn new(budget: Budget, start_steps: u64) -> Self {
         let (length, unit) = match budget {
             Budget::Steps(steps) => (steps, "step"),
             Budget::Episodes(episodes) => (episodes, "episode"),
@@ -40,6 +42,7 @@ impl Console {
             bar,
             budget,
             start: Instant::now(),
+            start_steps,
             last_line: None,
             episode: String::new(),
             evaluation: String::new(),
@@ -47,7 +50,8 @@ impl Console {
     }
 
     fn show(&mut self, env_steps: u64, episodes: Option<u64>, line_is_due: bool) {
-        let steps_per_second = env_steps as f64 / self.start.elapsed().as_secs_f64().max(1e-9);
+        let steps = env_steps.saturating_sub(self.start_steps);
+        let steps_per_second = steps as f64 / self.start.elapsed().as_secs_f64().max(1e-9);
         let message = format!("{}{}", self.evaluation, self.episode);
         if self.bar.is_hidden() {
             if line_is_due && self.last_line.is_none_or(|last| last.elapsed() >= LINE_INTERVAL) {

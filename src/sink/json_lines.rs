@@ -1,34 +1,70 @@
 //! `metrics.jsonl`: one event a line.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::fs::{File, TryLockError};
+use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 
+use crate::files::open_ordinary;
 use crate::trainer::event::{Event, EventSink};
 
-/// Appends events to a file.
+/// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take. As
+/// long as it is there no other process gets hold of the file.
 #[derive(Debug)]
 pub struct JsonLines {
-    file: BufWriter<File>,
+    file: File,
 }
 
 impl JsonLines {
-    /// Creates the file, which must not be there.
+    /// Opens the file, or makes it; [`Self::cut`] says where it goes on.
     ///
     /// # Errors
-    /// When that fails.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: BufWriter::new(File::create_new(path)?) })
+    /// When that fails; [`io::ErrorKind::WouldBlock`] when another process has the file.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let mut options = File::options();
+        options.read(true).write(true);
+        let file = match open_ordinary(&options, path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => options.create_new(true).open(path)?,
+            opened => opened?,
+        };
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => Err(io::ErrorKind::WouldBlock.into()),
+            // A file system without locks is no reason to refuse.
+            Ok(()) | Err(TryLockError::Error(_)) => Ok(Self { file }),
+        }
+    }
+
+    /// Removes what follows the first `lines` lines; false, and no change, if there are fewer whole ones.
+    ///
+    /// # Errors
+    /// When the file cannot be read or written.
+    pub fn cut(&mut self, lines: u64) -> io::Result<bool> {
+        self.file.rewind()?;
+        let (mut reader, mut found, mut length) = (BufReader::new(&self.file), 0, 0);
+        while found < lines {
+            let buffer = reader.fill_buf()?;
+            if buffer.is_empty() {
+                return Ok(false);
+            }
+            let newline = buffer.iter().position(|&byte| byte == b'\n');
+            let taken = newline.map_or(buffer.len(), |newline| newline + 1);
+            found += u64::from(newline.is_some());
+            length += taken as u64;
+            reader.consume(taken);
+        }
+        self.file.set_len(length)?;
+        self.file.seek(SeekFrom::End(0))?;
+        Ok(true)
     }
 }
 
 impl EventSink for JsonLines {
     fn emit(&mut self, event: &Event) -> io::Result<()> {
-        serde_json::to_writer(&mut self.file, event)?;
-        self.file.write_all(b"\n")?;
-        match event {
-            Event::Episode { .. } => Ok(()),
-            Event::Evaluation { .. } | Event::Statistics { .. } | Event::End { .. } => self.file.flush(),
-        }
+        let mut line = serde_json::to_vec(event)?;
+        line.push(b'\n');
+        self.file.write_all(&line)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.file.sync_data()
     }
 }

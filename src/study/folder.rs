@@ -1,17 +1,22 @@
 //! The folder of a study: `study.json`, and `trials/<index of the config>/<seed>.json`.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
 use super::{Study, Trial};
-use crate::files::{is_unfinished, write_json, write_whole};
+use crate::config::difference;
+use crate::files::{
+    is_unfinished, open_ordinary, read_text_limited, remove_unfinished, write_json, write_whole,
+};
 
 /// Name of the file that says what a study runs.
 pub const MANIFEST: &str = "study.json";
 const TRIALS: &str = "trials";
+/// Largest file of a study that is read, in bytes.
+const MAX_FILE_SIZE: u64 = 1 << 26;
 
 /// Why a study cannot be run.
 #[derive(Debug, thiserror::Error)]
@@ -45,6 +50,25 @@ pub enum StudyError {
 /// The file of a trial, given as (index of its config, seed), in the folder of its study.
 pub fn trial_path(folder: &Path, (config, seed): (usize, u64)) -> PathBuf {
     folder.join(TRIALS).join(config.to_string()).join(format!("{seed}.json"))
+}
+
+/// The seeds with which a config, given by its index, has been trained, in order.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub fn finished_seeds(folder: &Path, config: usize) -> io::Result<Vec<u64>> {
+    let entries = match fs::read_dir(folder.join(TRIALS).join(config.to_string())) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries?,
+    };
+    let mut seeds = Vec::new();
+    for entry in entries {
+        let path = entry?.path();
+        let seed = path.file_stem().and_then(|stem| stem.to_str()?.parse().ok());
+        seeds.extend(seed.filter(|&seed| path == trial_path(folder, (config, seed))));
+    }
+    seeds.sort_unstable();
+    Ok(seeds)
 }
 
 /// The folder of a study that this process runs.
@@ -85,12 +109,7 @@ impl StudyDir {
         let folders = (0..configs).map(|config| self.path.join(TRIALS).join(config.to_string()));
         for folder in folders.chain([self.path.clone()]) {
             fs::create_dir_all(&folder)?;
-            for entry in fs::read_dir(&folder)? {
-                let entry = entry?;
-                if is_unfinished(&entry.file_name()) {
-                    fs::remove_file(entry.path())?;
-                }
-            }
+            remove_unfinished(&folder)?;
         }
         Ok(())
     }
@@ -124,10 +143,13 @@ impl StudyDir {
 /// When it cannot be read, or holds something else.
 pub fn read_trial(path: &Path, config: &str, seed: u64) -> Result<Trial, StudyError> {
     let bad = |problem| StudyError::Trial { path: path.into(), problem };
-    let text = fs::read_to_string(path).map_err(|error| bad(error.to_string()))?;
+    let text = read_text_limited(path, MAX_FILE_SIZE).map_err(|error| bad(error.to_string()))?;
     let trial: Trial = serde_json::from_str(&text).map_err(|error| bad(error.to_string()))?;
     if trial.config != config || trial.seed != seed {
         return Err(bad(format!("it is that of config {:?}, seed {}", trial.config, trial.seed)));
+    }
+    if !trial.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
+        return Err(bad("its evaluations are not in the order of their steps".into()));
     }
     Ok(trial)
 }
@@ -152,13 +174,12 @@ fn is_free(path: &Path) -> Result<bool, String> {
 /// Locks a study against other processes until the file is closed, and reads its manifest.
 fn lock(manifest: &Path) -> Result<(File, String), String> {
     let unreadable = |error: io::Error| format!("has a {MANIFEST} that cannot be read: {error}");
-    let mut file = File::open(manifest).map_err(unreadable)?;
+    let file = open_ordinary(File::options().read(true), manifest).map_err(unreadable)?;
     // A file system without locks is no reason to refuse.
     if let Err(TryLockError::WouldBlock) = file.try_lock() {
         return Err("is in use: another process runs this study; wait for it or choose another --out".into());
     }
-    let mut text = String::new();
-    file.read_to_string(&mut text).map_err(unreadable)?;
+    let text = read_text_limited(manifest, MAX_FILE_SIZE).map_err(unreadable)?;
     Ok((file, text))
 }
 
@@ -177,27 +198,5 @@ fn more_seeds(found: &Value, study: &Study) -> Result<bool, String> {
             "holds another study: {difference}. Repeat its command, with more seeds at the end if you like, \
              or choose another --out"
         )),
-    }
-}
-
-/// The first key by which two values differ, and how.
-fn difference(path: &str, found: &Value, given: &Value) -> Option<String> {
-    let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
-    match (found, given) {
-        (Value::Object(a), Value::Object(b)) => {
-            let keys = a.keys().chain(b.keys().filter(|key| !a.contains_key(*key)));
-            let absent = Value::Null;
-            keys.into_iter().find_map(|key| {
-                difference(&below(key), a.get(key).unwrap_or(&absent), b.get(key).unwrap_or(&absent))
-            })
-        }
-        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
-            let mut pairs = a.iter().zip(b).enumerate();
-            pairs.find_map(|(i, (a, b))| difference(&below(&i.to_string()), a, b))
-        }
-        (Value::Array(a), Value::Array(b)) if path == "configs" => {
-            Some(format!("it has {} configs, and {} are given", a.len(), b.len()))
-        }
-        _ => (found != given).then(|| format!("its `{path}` is {found}, and {given} is given")),
     }
 }

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::config::Config;
 
-pub use folder::{MANIFEST, StudyDir, StudyError, read_trial, trial_path};
+pub use folder::{MANIFEST, StudyDir, StudyError, finished_seeds, read_trial, trial_path};
 pub use trial::{PolicyScore, SCORE_EPISODES, SCORE_SEED, Trial};
 
 /// Version of the files of a study.

@@ -81,6 +81,9 @@ pub enum EndReason {
     Budget,
     /// An evaluation solved the task, and `stop_when_solved` is set.
     Solved,
+    /// Somebody stopped the run, which can go on from its checkpoint: in no event and in no file.
+    #[serde(skip)]
+    Interrupted,
 }
 
 /// Takes the events of a run.
@@ -90,6 +93,14 @@ pub trait EventSink {
     /// # Errors
     /// When it cannot be written; the run then ends.
     fn emit(&mut self, event: &Event) -> io::Result<()>;
+
+    /// Makes what it has taken outlast a crash; called before every checkpoint, which counts on it.
+    ///
+    /// # Errors
+    /// When that fails; the run then ends.
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 impl EventSink for Vec<Event> {
@@ -103,5 +114,9 @@ impl EventSink for Vec<Event> {
 impl EventSink for Vec<Box<dyn EventSink>> {
     fn emit(&mut self, event: &Event) -> io::Result<()> {
         self.iter_mut().try_for_each(|sink| sink.emit(event))
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.iter_mut().try_for_each(|sink| sink.sync())
     }
 }

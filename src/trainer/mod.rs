@@ -6,11 +6,11 @@ mod state;
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::{Deserialize, Serialize};
 
 use crate::agent::{Dqn, NotFinite, Policy, Probes, Transition};
-use crate::checkpoint::Checkpoint;
 use crate::config::Config;
 use crate::env::Environment;
 use crate::nn::Mlp;
@@ -19,6 +19,13 @@ use crate::rng::{Rng, Stream};
 pub use evaluate::{Frame, Played, Score, TraceStep, evaluate, evaluate_discounted, play, q_values, record};
 pub use event::{EndReason, Event, EventSink};
 pub use state::{Evaluation, Header, Progress, State, Summary};
+
+/// Name of the checkpoint with the best policy.
+pub const BEST: &str = "best.safetensors";
+/// Name of the latest checkpoint.
+pub const LAST: &str = "last.safetensors";
+/// Name of the periodic checkpoint before it.
+pub const PREVIOUS: &str = "previous.safetensors";
 
 /// Gymnasium seed of the first evaluation episode; the others follow. Training never resets from a seed.
 pub const EVALUATION_SEED: u64 = 1_000_000;
@@ -43,7 +50,7 @@ pub struct EvaluationConfig {
     pub episodes: u64,
 }
 
-/// Writing `checkpoints/last.safetensors`.
+/// Writing [`LAST`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CheckpointConfig {
@@ -89,8 +96,9 @@ pub struct Trainer<E: Environment> {
     environment_rng: Rng,
     agent: Dqn,
     progress: Progress,
-    /// The policy with the best evaluation since the run was made or resumed.
     best_policy: Option<Mlp<f32>>,
+    /// Environment steps before the latest checkpoint.
+    saved_at: Option<u64>,
     probes: Probes,
 }
 
@@ -103,6 +111,7 @@ impl<E: Environment> Trainer<E> {
             agent: Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed),
             progress: Progress::default(),
             best_policy: None,
+            saved_at: None,
             probes: evaluate::probes(&environment),
             environment,
             environment_rng,
@@ -111,7 +120,11 @@ impl<E: Environment> Trainer<E> {
     }
 
     /// Trains until the budget is used up, or the task is solved if that is to end the run. `checkpoints` is the
-    /// folder for `last.safetensors` and `best.safetensors`; it exists.
+    /// folder for [`LAST`], [`PREVIOUS`] and [`BEST`]; it exists.
+    ///
+    /// Once `stop` is set, the run writes [`LAST`] after the step that it is in and returns [`EndReason::Interrupted`]:
+    /// no evaluation, no event, so that the run that goes on from there is this one. For the same reason the last
+    /// checkpoint of a run that ends is that before its last evaluation: with a larger budget there is none there.
     ///
     /// # Errors
     /// When the numbers leave the finite, or a checkpoint or an event cannot be written. The files written
@@ -120,17 +133,22 @@ impl<E: Environment> Trainer<E> {
         &mut self,
         sink: &mut dyn EventSink,
         checkpoints: Option<&Path>,
+        stop: &AtomicBool,
     ) -> Result<EndReason, TrainError> {
         let reason = loop {
             match self.end_reason() {
                 Some(reason) => break reason,
+                None if stop.load(Ordering::Relaxed) => {
+                    self.save_last(sink, checkpoints)?;
+                    return Ok(EndReason::Interrupted);
+                }
                 None => self.step(sink, checkpoints)?,
             }
         };
+        self.save_last(sink, checkpoints)?;
         if self.progress.last_evaluation.is_none_or(|last| last.env_steps < self.progress.env_steps) {
             self.evaluate(sink, checkpoints)?;
         }
-        self.save_last(checkpoints)?;
         let Progress { env_steps, episodes, updates, .. } = self.progress;
         self.emit(sink, &Event::End { env_steps, episodes, updates, reason })?;
         Ok(reason)
@@ -168,7 +186,7 @@ impl<E: Environment> Trainer<E> {
             self.evaluate(sink, checkpoints)?;
         }
         if env_steps.is_multiple_of(self.config.checkpoint.every_steps) {
-            self.save_last(checkpoints)?;
+            self.save_last(sink, checkpoints)?;
         }
         Ok(())
     }
@@ -191,7 +209,7 @@ impl<E: Environment> Trainer<E> {
         if let Event::Evaluation { best: true, .. } = event {
             self.best_policy = Some(policy);
             if let Some(folder) = checkpoints {
-                self.write(&folder.join("best.safetensors"), self.policy_checkpoint())?;
+                self.save_best(folder)?;
             }
         }
         self.emit(sink, &event)?;
@@ -205,28 +223,54 @@ impl<E: Environment> Trainer<E> {
         self.emit(sink, &Event::Statistics { env_steps: self.progress.env_steps, overestimation, agent })
     }
 
-    fn save_last(&self, checkpoints: Option<&Path>) -> Result<(), TrainError> {
-        checkpoints.map_or(Ok(()), |folder| self.write(&folder.join("last.safetensors"), self.checkpoint()))
+    /// Writes [`BEST`] into a folder, if there has been an evaluation.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn save_best(&self, folder: &Path) -> Result<(), TrainError> {
+        let path = folder.join(BEST);
+        let written = self.best_checkpoint().and_then(|best| best.map_or(Ok(()), |best| best.write(&path)));
+        written.map_err(|source| TrainError::Checkpoint { path, source })
     }
 
-    fn end_reason(&self) -> Option<EndReason> {
-        let used_up = match self.config.budget {
-            Budget::Steps(steps) => self.progress.env_steps >= steps,
-            Budget::Episodes(episodes) => self.progress.episodes >= episodes,
-        };
+    /// Writes [`LAST`] if it is not this one already. The one before becomes [`PREVIOUS`] if it was a periodic one: what
+    /// a run leaves must not show where it was stopped.
+    ///
+    /// # Errors
+    /// When a file cannot be written, or the sink cannot make its own last.
+    pub fn save_last(
+        &mut self,
+        sink: &mut dyn EventSink,
+        checkpoints: Option<&Path>,
+    ) -> Result<(), TrainError> {
+        let (env_steps, period) = (self.progress.env_steps, self.config.checkpoint.every_steps);
+        let Some(folder) = checkpoints.filter(|_| self.saved_at != Some(env_steps)) else { return Ok(()) };
+        sink.sync().map_err(|source| TrainError::Sink { env_steps, source })?;
+        let is_periodic = self.saved_at.is_some_and(|step| step > 0 && step.is_multiple_of(period));
+        let kept = is_periodic.then(|| folder.join(PREVIOUS));
+        let path = folder.join(LAST);
+        let written = self.checkpoint().and_then(|last| last.write_keeping(&path, kept.as_deref()));
+        written.map_err(|source| TrainError::Checkpoint { path, source })?;
+        self.saved_at = Some(env_steps);
+        Ok(())
+    }
+
+    /// Why the run is over, if it is.
+    pub fn end_reason(&self) -> Option<EndReason> {
+        let used_up = self.progress.uses_up(self.config.budget);
         let solved = self.config.stop_when_solved && self.progress.solved_at_step.is_some();
         if solved { Some(EndReason::Solved) } else { used_up.then_some(EndReason::Budget) }
     }
 
-    fn write(&self, path: &Path, checkpoint: io::Result<Checkpoint>) -> Result<(), TrainError> {
-        checkpoint
-            .and_then(|checkpoint| checkpoint.write(path))
-            .map_err(|source| TrainError::Checkpoint { path: path.to_owned(), source })
+    fn emit(&mut self, sink: &mut dyn EventSink, event: &Event) -> Result<(), TrainError> {
+        let env_steps = self.progress.env_steps;
+        self.progress.events += 1;
+        sink.emit(event).map_err(|source| TrainError::Sink { env_steps, source })
     }
 
-    fn emit(&self, sink: &mut dyn EventSink, event: &Event) -> Result<(), TrainError> {
-        let env_steps = self.progress.env_steps;
-        sink.emit(event).map_err(|source| TrainError::Sink { env_steps, source })
+    /// The run's config.
+    pub fn config(&self) -> &Config {
+        &self.config
     }
 
     /// How far the run is.
@@ -234,7 +278,7 @@ impl<E: Environment> Trainer<E> {
         &self.progress
     }
 
-    /// The policy with the best evaluation, the first of equals; none if that was before a resume.
+    /// The policy with the best evaluation, the first of equals; none before the first evaluation.
     pub fn best_policy(&self) -> Option<&Mlp<f32>> {
         self.best_policy.as_ref()
     }

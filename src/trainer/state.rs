@@ -3,13 +3,15 @@
 use std::collections::VecDeque;
 use std::io;
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
-use super::{EndReason, Event, Score, Trainer};
+use super::{Budget, EndReason, Event, Score, Trainer};
 use crate::agent::{Dqn, ReplayContents};
-use crate::checkpoint::{Checkpoint, FORMAT_VERSION, Problem, weights_sha256};
+use crate::checkpoint::{Checkpoint, Problem, weights_sha256};
 use crate::config::Config;
 use crate::env::Environment;
+use crate::nn::Mlp;
 use crate::rng::Rng;
 
 /// How many episodes the running mean return is over.
@@ -39,6 +41,9 @@ pub struct Progress {
     pub last_evaluation: Option<Evaluation>,
     /// Environment steps before the first evaluation that solved the task.
     pub solved_at_step: Option<u64>,
+    /// Events of the run so far, the lines of its `metrics.jsonl`.
+    #[serde(default)]
+    pub events: u64,
     episode_return: f64,
     episode_length: u64,
     /// Sum and number of the losses in this episode.
@@ -47,6 +52,33 @@ pub struct Progress {
 }
 
 impl Progress {
+    /// Whether these can be the counters of a run, whoever wrote them.
+    fn is_possible(&self) -> bool {
+        let Self { env_steps, episodes, updates, events, episode_length, losses, .. } = *self;
+        let at_most_one_a_step = [episodes, events / 4, episode_length, losses.1];
+        env_steps.max(updates) < 1 << 62
+            && at_most_one_a_step.iter().all(|&count| count <= env_steps)
+            && self.recent_returns.len() <= RECENT_EPISODES
+    }
+
+    /// Whether the run has used a budget up.
+    pub(super) fn uses_up(&self, budget: Budget) -> bool {
+        match budget {
+            Budget::Steps(steps) => self.env_steps >= steps,
+            Budget::Episodes(episodes) => self.episodes >= episodes,
+        }
+    }
+
+    /// Whether a run of that budget would have ended before.
+    fn exceeds(&self, budget: Budget) -> bool {
+        match budget {
+            Budget::Steps(steps) => self.env_steps > steps,
+            Budget::Episodes(episodes) => {
+                self.episodes > episodes || (self.episodes == episodes && self.episode_length > 0)
+            }
+        }
+    }
+
     pub(super) fn count_step(&mut self, reward: f32) {
         self.env_steps += 1;
         self.episode_length += 1;
@@ -105,16 +137,22 @@ impl Progress {
 /// What a checkpoint says of itself; `S` is the [`State`] of the run, in `last.safetensors` only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header<S = serde::de::IgnoredAny> {
-    format_version: u32,
     /// Environment steps of the run so far.
     pub env_steps: u64,
     /// The latest evaluation; in `best.safetensors` that of the policy itself.
     pub evaluation: Option<Evaluation>,
     /// The run's resolved config.
+    #[serde(deserialize_with = "config_of_any_version")]
     pub config: Config,
     /// What a resumed run needs besides the tensors.
     #[serde(default = "Option::default", skip_serializing_if = "Option::is_none")]
     pub state: Option<S>,
+}
+
+/// A config with defaults for the keys that there were not yet when it was written.
+fn config_of_any_version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Config, D::Error> {
+    let text = serde_json::Value::deserialize(deserializer)?.to_string();
+    Config::from_layers(Some(("config", &text)), &[]).map_err(D::Error::custom)
 }
 
 /// What a resumed run needs besides the tensors.
@@ -130,24 +168,22 @@ pub struct State<E, O> {
 }
 
 impl<E: Environment> Trainer<E> {
-    fn header(&self, state: Option<State<E, E::Observation>>) -> Header<State<E, E::Observation>> {
-        Header {
-            format_version: FORMAT_VERSION,
-            env_steps: self.progress.env_steps,
-            evaluation: self.progress.last_evaluation,
-            config: self.config.clone(),
-            state,
-        }
-    }
-
-    /// The policy alone.
+    /// The policy with the best evaluation, alone; none before the first evaluation.
     ///
     /// # Errors
     /// See [`Checkpoint::new`].
-    pub fn policy_checkpoint(&self) -> io::Result<Checkpoint> {
-        let mut checkpoint = Checkpoint::new(&self.header(None))?;
-        checkpoint.put_network("", &self.agent.policy());
-        Ok(checkpoint)
+    pub fn best_checkpoint(&self) -> io::Result<Option<Checkpoint>> {
+        let (Some(policy), Some(evaluation)) = (&self.best_policy, self.progress.best_evaluation) else {
+            return Ok(None);
+        };
+        let mut checkpoint = Checkpoint::new(&Header::<()> {
+            env_steps: evaluation.env_steps,
+            evaluation: Some(evaluation),
+            config: self.config.clone(),
+            state: None,
+        })?;
+        checkpoint.put_network("", policy);
+        Ok(Some(checkpoint))
     }
 
     /// Everything that [`Self::resume`] needs.
@@ -156,18 +192,26 @@ impl<E: Environment> Trainer<E> {
     /// See [`Checkpoint::new`].
     pub fn checkpoint(&self) -> io::Result<Checkpoint> {
         let Dqn { online, target, adam, replay, epsilon, explore_rng, replay_rng, .. } = &self.agent;
-        let mut checkpoint = Checkpoint::new(&self.header(Some(State {
-            progress: self.progress.clone(),
-            environment: self.environment.clone(),
-            observation: self.observation.clone(),
-            environment_rng: self.environment_rng.clone(),
-            explore_rng: explore_rng.clone(),
-            replay_rng: replay_rng.clone(),
-            epsilon: *epsilon,
-        })))?;
+        let mut checkpoint = Checkpoint::new(&Header {
+            env_steps: self.progress.env_steps,
+            evaluation: self.progress.last_evaluation,
+            config: self.config.clone(),
+            state: Some(State {
+                progress: self.progress.clone(),
+                environment: self.environment.clone(),
+                observation: self.observation.clone(),
+                environment_rng: self.environment_rng.clone(),
+                explore_rng: explore_rng.clone(),
+                replay_rng: replay_rng.clone(),
+                epsilon: *epsilon,
+            }),
+        })?;
         checkpoint.put_network("", &self.agent.policy());
         checkpoint.put_network("online.", online);
         checkpoint.put_network("target.", target);
+        if let Some(policy) = &self.best_policy {
+            checkpoint.put_network("best.", policy);
+        }
         checkpoint.put("adam.first_moment", &[adam.first_moment.len()], &adam.first_moment);
         checkpoint.put("adam.second_moment", &[adam.second_moment.len()], &adam.second_moment);
         let size = E::OBSERVATION_SIZE;
@@ -189,10 +233,20 @@ impl<E: Environment> Trainer<E> {
     pub fn resume(checkpoint: &Checkpoint, environment: E) -> Result<Self, Problem> {
         let header: Header<State<E, E::Observation>> = checkpoint.header()?;
         let state = header.state.ok_or(Problem::NotResumable)?;
-        header.config.validate().map_err(|error| Problem::BadHeader(error.to_string()))?;
+        let env_steps = state.progress.env_steps;
+        if !state.progress.is_possible() || !environment.admits(&state.environment) {
+            return Err(Problem::State);
+        }
         let mut trainer = Self::new(header.config, environment);
+        trainer.saved_at = Some(env_steps);
+        // Format version 1 did not have it.
+        if checkpoint.shape("best.0.weight").is_ok() {
+            let mut policy = Mlp::zeros(trainer.agent.online.sizes().to_vec());
+            checkpoint.get_network("best.", &mut policy)?;
+            trainer.best_policy = Some(policy);
+        }
         let agent = &mut trainer.agent;
-        agent.adam.learning_rate = trainer.config.optimizer.learning_rate_after(state.progress.env_steps);
+        agent.adam.learning_rate = trainer.config.optimizer.learning_rate_after(env_steps);
         checkpoint.get_network("online.", &mut agent.online)?;
         checkpoint.get_network("target.", &mut agent.target)?;
         let parameters = agent.online.parameters().len();
@@ -219,6 +273,17 @@ impl<E: Environment> Trainer<E> {
         trainer.environment_rng = state.environment_rng;
         trainer.progress = state.progress;
         Ok(trainer)
+    }
+
+    /// Gives the run another budget: every schedule counts steps from the start, so that nothing else changes. False,
+    /// and no change, if a run of that budget would have ended already.
+    #[must_use]
+    pub fn set_budget(&mut self, budget: Budget) -> bool {
+        let possible = !self.progress.exceeds(budget);
+        if possible {
+            self.config.budget = budget;
+        }
+        possible
     }
 }
 

@@ -235,7 +235,7 @@ fn force_replaces_a_run_and_what_a_killed_one_left() {
     sandbox.write("run/checkpoints/.writing-abc123.tmp", "half a checkpoint");
     sandbox.train(&["--out", "run", "--force", "--seed", "5"]).success();
     assert_eq!(sandbox.json("run/summary.json")["seed"], 5);
-    assert_eq!(fs::read_dir(sandbox.path("run/checkpoints")).unwrap().count(), 2);
+    assert_eq!(fs::read_dir(sandbox.path("run/checkpoints")).unwrap().count(), 3);
 }
 
 #[test]
@@ -254,9 +254,17 @@ fn a_run_goes_into_an_empty_folder_and_leaves_nothing_else() {
     fs::create_dir(sandbox.path("run")).unwrap();
     sandbox.train(&["--out", "run"]).success();
     let names: Vec<PathBuf> = sandbox.files().into_keys().collect();
-    let expected = ["", "/checkpoints", "/checkpoints/best.safetensors", "/checkpoints/last.safetensors"];
-    let files = ["/config.json", "/metrics.jsonl", "/summary.json"];
-    let expected = expected.iter().chain(&files).map(|name| sandbox.path(&format!("run{name}")));
+    let expected = [
+        "",
+        "/checkpoints",
+        "/checkpoints/best.safetensors",
+        "/checkpoints/last.safetensors",
+        "/checkpoints/previous.safetensors",
+        "/config.json",
+        "/metrics.jsonl",
+        "/summary.json",
+    ];
+    let expected = expected.iter().map(|name| sandbox.path(&format!("run{name}")));
     assert_eq!(names, expected.collect::<Vec<_>>());
 }
 
@@ -277,13 +285,17 @@ fn json_prints_the_summary_alone() {
     let summary = stdout_json(&sandbox.train(&["--out", "run", "--seed", "7", "--json"]).success());
     let expected = [
         "best_evaluation",
+        "config_sha256",
+        "cpu_path",
         "end_reason",
         "env_steps",
         "episodes",
         "final_evaluation",
+        "git_revision",
         "seed",
         "solved_at_step",
         "updates",
+        "version",
         "wall_seconds",
         "weights_sha256",
     ];

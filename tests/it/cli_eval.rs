@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::fs;
 
+use cartpole_dqn::checkpoint::seal;
 use predicates::prelude::*;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
@@ -189,7 +190,7 @@ fn inspect_tells_what_is_in_a_file() {
         (
             BEST,
             vec![
-                "version 1: policy\n",
+                "version 2: policy\n",
                 policy,
                 "evaluation mean return",
                 "\"gamma\": 0.99",
@@ -218,15 +219,15 @@ fn a_trace_to_a_device_leaves_it_a_device() {
 
 #[test]
 fn refuses_a_checkpoint_of_another_format_version() {
-    let sandbox = Sandbox::new();
-    sandbox.train(&["--out", "run"]).success();
+    let sandbox = Sandbox::with_run();
     let path = sandbox.path(BEST);
-    let mut bytes = std::fs::read(&path).unwrap();
-    let version = br#"\"format_version\":1"#;
+    let mut bytes = fs::read(&path).unwrap();
+    let version = br#"\"format_version\":2"#;
     let position = bytes.windows(version.len()).position(|window| window == version).unwrap();
     bytes[position + version.len() - 1] = b'9';
-    std::fs::write(&path, bytes).unwrap();
+    seal(&mut bytes);
+    fs::write(&path, bytes).unwrap();
     for command in ["eval", "inspect"] {
-        sandbox.refuses(&[command, "--checkpoint", BEST], &[BEST, "format version 9", "version 1"]);
+        sandbox.refuses(&[command, "--checkpoint", BEST], &[BEST, "format version 9", "versions 1 to 2"]);
     }
 }

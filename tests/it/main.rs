@@ -13,6 +13,10 @@ mod kernels;
 mod replay;
 mod report;
 mod report_html;
+#[cfg(unix)]
+mod resume;
+#[cfg(unix)]
+mod signals;
 mod simd;
 mod study;
 mod training;

@@ -145,7 +145,7 @@ kernel! {
                     scratch,
                     c: y.as_mut_slice().as_mut_ptr(),
                 };
-                product.compute::<V>(RowBias { bias, relu });
+                product.compute::<V, 1>(RowBias { bias, relu });
             } else {
                 let product = Product {
                     rows: outputs,
@@ -159,7 +159,7 @@ kernel! {
                     scratch,
                     c: y.as_mut_slice().as_mut_ptr(),
                 };
-                product.compute::<V>(ColumnBias { bias, relu });
+                product.compute::<V, TALLEST>(ColumnBias { bias, relu });
             }
         }
     }
@@ -189,7 +189,7 @@ kernel! {
             c: dx.as_mut_slice().as_mut_ptr(),
         };
         // SAFETY: the operands have the asserted sizes.
-        unsafe { product.compute::<V>(WherePositive { x: x.as_slice().as_ptr(), columns: batch }) }
+        unsafe { product.compute::<V, TALLEST>(WherePositive { x: x.as_slice().as_ptr(), columns: batch }) }
     }
 }
 
@@ -203,28 +203,48 @@ kernel! {
     ) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
         assert!(dy.nrows() == batch && gradient.len() == (inputs + 1) * outputs);
-        let (scratch, dy_transposed) = scratch.split_at_mut(PACKED);
-        assert!(dy_transposed.len() >= batch * outputs);
+        let widest = inputs.max(outputs);
+        assert!(scratch.len() >= scratch_len(batch, widest));
+        let (packed, scratch) = scratch.split_at_mut(PACKED);
+        let (transposed, few) = scratch.split_at_mut(batch * widest);
+        let (transposed, few) = (transposed.as_mut_ptr(), few.as_mut_ptr());
         let (weight, bias) = gradient.split_at_mut(inputs * outputs);
+        let (weight, bias) = (weight.as_mut_ptr(), bias.as_mut_ptr());
+        let (x, dy) = (x.as_slice().as_ptr(), dy.as_slice().as_ptr());
         let product = Product {
             rows: inputs,
             columns: outputs,
             inner: batch,
-            a: x.as_slice().as_ptr(),
+            a: x,
             a_row: batch,
             a_column: 1,
-            b: dy_transposed.as_mut_ptr(),
+            b: transposed,
             b_row: outputs,
-            scratch: scratch.as_mut_ptr(),
-            c: weight.as_mut_ptr(),
+            scratch: packed.as_mut_ptr(),
+            c: weight,
         };
         // The bias is the weight of an input that is always 1.
-        let ones = Product { rows: 1, a: &1.0, a_row: 0, a_column: 0, c: bias.as_mut_ptr(), ..product };
+        let ones = Product { rows: 1, a: &1.0, a_row: 0, a_column: 0, c: bias, ..product };
+        // Few outputs would leave lanes empty: then the lanes lie over the inputs.
+        let swapped = Product { rows: outputs, columns: inputs, a: dy, b_row: inputs, c: few, ..product };
+        let is_swapped = outputs <= FEW && outputs < inputs;
         // SAFETY: the operands have the asserted sizes; A's strides are 0 where it is one number.
         unsafe {
-            transpose::<V>(dy.as_slice().as_ptr(), outputs, batch, dy_transposed.as_mut_ptr());
-            product.compute::<V>(Plain);
-            ones.compute::<V>(Plain);
+            if is_swapped {
+                transpose::<V>(x, inputs, batch, transposed);
+                for output in 0..outputs {
+                    let dy = std::slice::from_raw_parts(dy.add(output * batch), batch);
+                    *bias.add(output) = dy.iter().fold(0.0, |sum, dy| sum + dy);
+                }
+            } else {
+                transpose::<V>(dy, outputs, batch, transposed);
+                ones.compute::<V, 1>(Plain);
+            }
+            let product = if is_swapped { swapped } else { product };
+            product.compute::<V, TALLEST>(Plain);
+            if is_swapped {
+                transpose::<V>(few, outputs, inputs, weight);
+            }
         }
     }
 }
@@ -335,7 +355,18 @@ struct Product {
 }
 
 /// Numbers that a strip of B is packed into, if it fits: half of an L1 cache.
-pub const PACKED: usize = 16 * 256;
+const PACKED: usize = 16 * 256;
+
+/// Rows of the tallest tile.
+const TALLEST: usize = 12;
+
+/// Up to so many outputs are few for the gradient of a layer.
+const FEW: usize = 4;
+
+/// Numbers of scratch that the kernels need for batches through a network whose widest layer has `widest` units.
+pub const fn scratch_len(batch: usize, widest: usize) -> usize {
+    PACKED + (batch + FEW) * widest
+}
 
 /// What a sum in C starts from, and what is stored of it; `lanes` of its vector are meant.
 trait Ends: Copy {
@@ -414,57 +445,59 @@ impl Ends for WherePositive {
 
 impl Product {
     /// Computes C in tiles: strips of up to four vectors of columns, and in each strip as many rows at once as the
-    /// registers hold.
+    /// registers hold, `TALLEST` at most.
+    ///
+    /// The last strip begins early enough to be full: columns that it shares with the one before are computed twice.
+    /// Only where C has fewer columns than a vector lanes is a part of a vector used.
     #[inline(always)]
-    unsafe fn compute<V: Vector>(self, ends: impl Ends) {
+    unsafe fn compute<V: Vector, const TALLEST: usize>(self, ends: impl Ends) {
+        if self.columns < V::LANES {
+            return self.strip::<V, 1, false, TALLEST>(ends, 0);
+        }
         let mut column = 0;
         while column < self.columns {
-            let vectors = (self.columns - column).div_ceil(V::LANES);
+            let vectors = (self.columns - column).div_ceil(V::LANES).min(self.columns / V::LANES);
             let width = match vectors {
                 1..=3 => vectors,
                 _ if self.rows <= 2 => 4,
                 5 => 3,
                 _ => 2,
             };
-            let lanes = (self.columns - column).min(width * V::LANES);
-            let last = lanes - (width - 1) * V::LANES;
-            match (width, last == V::LANES) {
-                (1, true) => self.strip::<V, 1, true>(ends, column, last),
-                (1, false) => self.strip::<V, 1, false>(ends, column, last),
-                (2, true) => self.strip::<V, 2, true>(ends, column, last),
-                (2, false) => self.strip::<V, 2, false>(ends, column, last),
-                (3, true) => self.strip::<V, 3, true>(ends, column, last),
-                (3, false) => self.strip::<V, 3, false>(ends, column, last),
-                (_, true) => self.strip::<V, 4, true>(ends, column, last),
-                (_, false) => self.strip::<V, 4, false>(ends, column, last),
+            column = column.min(self.columns - width * V::LANES);
+            match width {
+                1 => self.strip::<V, 1, true, TALLEST>(ends, column),
+                2 => self.strip::<V, 2, true, TALLEST>(ends, column),
+                3 => self.strip::<V, 3, true, TALLEST>(ends, column),
+                _ => self.strip::<V, 4, true, TALLEST>(ends, column),
             }
-            column += lanes;
+            column += width * V::LANES;
         }
     }
 
-    /// A strip of `WIDTH` vectors of columns, the last one with `last` lanes, all of them if `FULL`.
+    /// A strip of `WIDTH` vectors of columns, or of all columns where those are fewer than a vector's lanes and the strip
+    /// so not `FULL`.
     #[inline(always)]
-    unsafe fn strip<V: Vector, const WIDTH: usize, const FULL: bool>(
+    unsafe fn strip<V: Vector, const WIDTH: usize, const FULL: bool, const TALLEST: usize>(
         self,
         ends: impl Ends,
         column: usize,
-        last: usize,
     ) {
         let strip = Self { b: self.b.add(column), ..self };
-        let strip = if FULL { strip.packed::<V, WIDTH>() } else { strip };
+        let strip = if FULL && TALLEST > 1 { strip.packed::<V, WIDTH>() } else { strip };
         let mut row = 0;
         macro_rules! tiles {
             ($($height:literal)*) => {{$(
-                while $height * WIDTH <= V::ACCUMULATORS && self.rows - row >= $height {
-                    strip.tile::<V, $height, WIDTH, FULL>(ends, row, column, last);
+                let fits = $height == 1 || ($height <= TALLEST && ($height + 1) * WIDTH < V::REGISTERS);
+                while fits && self.rows - row >= $height {
+                    strip.tile::<V, $height, WIDTH, FULL>(ends, row, column);
                     row += $height;
                 }
             )*}};
         }
         match WIDTH {
-            1 => tiles!(8 4 1),
+            1 => tiles!(12 4 1),
             2 => tiles!(12 6 4 2 1),
-            3 => tiles!(8 4 1),
+            3 => tiles!(8 3 1),
             _ => tiles!(2 1),
         }
     }
@@ -493,20 +526,19 @@ impl Product {
         ends: impl Ends,
         row: usize,
         column: usize,
-        last: usize,
     ) {
-        let lanes = |vector: usize| if FULL || vector + 1 < WIDTH { V::LANES } else { last };
+        let lanes = if FULL { V::LANES } else { self.columns };
         let mut sums = [[V::splat(0.0); WIDTH]; HEIGHT];
         for (i, sums) in sums.iter_mut().enumerate() {
             for (j, sum) in sums.iter_mut().enumerate() {
-                *sum = ends.start(row + i, column + j * V::LANES, lanes(j));
+                *sum = ends.start(row + i, column + j * V::LANES, lanes);
             }
         }
         let (mut a, mut b) = (self.a.add(row * self.a_row), self.b);
         for _ in 0..self.inner {
             let mut terms = [V::splat(0.0); WIDTH];
             for (j, term) in terms.iter_mut().enumerate() {
-                *term = load(b.add(j * V::LANES), lanes(j));
+                *term = load(b.add(j * V::LANES), lanes);
             }
             for (i, sums) in sums.iter_mut().enumerate() {
                 let factor = V::splat(*a.add(i * self.a_row));
@@ -520,8 +552,8 @@ impl Product {
         for (i, sums) in sums.iter().enumerate() {
             for (j, &sum) in sums.iter().enumerate() {
                 let (row, column) = (row + i, column + j * V::LANES);
-                let value = ends.finish(sum, row, column, lanes(j));
-                store(value, self.c.add(row * self.columns + column), lanes(j));
+                let value = ends.finish(sum, row, column, lanes);
+                store(value, self.c.add(row * self.columns + column), lanes);
             }
         }
     }
@@ -531,15 +563,17 @@ impl Product {
 #[inline(always)]
 unsafe fn transpose<V: Vector>(from: *const f32, rows: usize, columns: usize, to: *mut f32) {
     let (whole_rows, whole_columns) = (rows - rows % V::BLOCK, columns - columns % V::BLOCK);
-    for row in (0..whole_rows).step_by(V::BLOCK) {
-        for column in (0..whole_columns).step_by(V::BLOCK) {
+    for column in (0..whole_columns).step_by(V::BLOCK) {
+        for row in (0..whole_rows).step_by(V::BLOCK) {
             V::transpose_block(from.add(row * columns + column), columns, to.add(column * rows + row), rows);
         }
     }
-    for column in 0..columns {
-        for row in (if column < whole_columns { whole_rows } else { 0 })..rows {
-            *to.add(column * rows + row) = *from.add(row * columns + column);
-        }
+    let copy = |row: usize, column: usize| *to.add(column * rows + row) = *from.add(row * columns + column);
+    for column in whole_columns..columns {
+        (0..whole_rows).for_each(|row| copy(row, column));
+    }
+    for row in whole_rows..rows {
+        (0..columns).for_each(|column| copy(row, column));
     }
 }
 

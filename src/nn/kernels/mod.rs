@@ -17,12 +17,7 @@ mod vector;
 use nalgebra::DMatrix;
 
 pub use super::adam::AdamCoefficients;
-pub use fast::{Path, UnknownPath};
-
-/// Numbers of scratch that the kernels need for batches through a network whose widest layer has `widest` units.
-pub const fn scratch_len(batch: usize, widest: usize) -> usize {
-    fast::PACKED + batch * widest
-}
+pub use fast::{Path, UnknownPath, scratch_len};
 
 /// f32 or f64, with the kernels that compute in it. f64 runs the reference.
 pub trait Float:

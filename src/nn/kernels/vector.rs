@@ -9,8 +9,8 @@
 pub(super) unsafe trait Vector: Copy {
     /// f32 in a vector.
     const LANES: usize;
-    /// Accumulators that fit into the registers beside the operands.
-    const ACCUMULATORS: usize;
+    /// Registers that a product's tile may take: one fewer than there are, or compilers spill.
+    const REGISTERS: usize;
 
     unsafe fn splat(value: f32) -> Self;
     unsafe fn load(source: *const f32) -> Self;
@@ -42,7 +42,7 @@ pub(super) struct Scalar([f32; 16]);
 // SAFETY: no instruction set is needed; loads and stores touch what the trait says.
 unsafe impl Vector for Scalar {
     const LANES: usize = 16;
-    const ACCUMULATORS: usize = 6;
+    const REGISTERS: usize = 7;
 
     #[inline(always)]
     unsafe fn splat(value: f32) -> Self {
@@ -118,7 +118,7 @@ mod x86 {
     // SAFETY: callers vouch for AVX2 and FMA and for the pointers; masked lanes are not touched.
     unsafe impl Vector for Avx2 {
         const LANES: usize = 8;
-        const ACCUMULATORS: usize = 12;
+        const REGISTERS: usize = 15;
 
         #[inline(always)]
         unsafe fn splat(value: f32) -> Self {
@@ -225,7 +225,7 @@ mod x86 {
     // SAFETY: callers vouch for AVX-512F and for the pointers; masked lanes are not touched.
     unsafe impl Vector for Avx512 {
         const LANES: usize = 16;
-        const ACCUMULATORS: usize = 24;
+        const REGISTERS: usize = 31;
 
         #[inline(always)]
         unsafe fn splat(value: f32) -> Self {

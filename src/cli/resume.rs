@@ -1,0 +1,177 @@
+//! `cartpole-dqn train --resume`
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::run_dir::{RunDir, bad};
+use super::{Failure, note};
+use crate::checkpoint::{Checkpoint, CheckpointError, Problem};
+use crate::config::{Config, difference};
+use crate::env::{CartPole, TimeLimit};
+use crate::files::remove_unfinished;
+use crate::sink::JsonLines;
+use crate::trainer::{EndReason, TrainError, Trainer};
+
+pub(super) type Run = Trainer<TimeLimit<CartPole>>;
+
+/// A run that can go on, and the folder and file that it goes on in.
+pub(super) type Resumed = (RunDir, JsonLines, Run);
+
+/// Takes the run in a folder back to its latest good checkpoint, with everything that it has written since then cut
+/// off; none if it has ended and goes no further. Nothing is changed on bad input.
+pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Option<Resumed>, Failure> {
+    let (run, recorded) = RunDir::open(path)?;
+    let mut metrics = run.take()?;
+    let config = with_other_budget(&recorded, sets, path)?;
+    let (mut trainer, falls_back) = latest(&run, &recorded)?;
+    let (steps, episodes) = (trainer.progress().env_steps, trainer.progress().episodes);
+    if !trainer.set_budget(config.budget) {
+        let budget = json!(config.budget);
+        return Err(bad(
+            path,
+            &format!(
+                "holds a run that is past the budget {budget} already, at step {steps} and in episode {episodes}; give \
+             a larger one"
+            ),
+        ));
+    }
+    if let (Some(reason), true) = (trainer.end_reason(), run.summary().is_file()) {
+        note(&match reason {
+            EndReason::Solved => format!("the run has solved its task after {steps} steps and ended there"),
+            _ => format!(
+                "the run has ended after {steps} steps and {episodes} episodes; to go on, give it a larger budget, \
+                 for example --set budget.steps={}",
+                steps.saturating_mul(2)
+            ),
+        });
+        return Ok(None);
+    }
+    let events = trainer.progress().events;
+    let unwritable =
+        |error: io::Error| Failure::Failed(format!("cannot write to {}: {error}", path.display()));
+    if !metrics.cut(events).map_err(unwritable)? {
+        return Err(bad(
+            path,
+            &format!(
+                "has a metrics.jsonl with fewer than the {events} lines that the run had written at its checkpoint; put \
+             them back, or train again"
+            ),
+        ));
+    }
+    take_back(&run, &trainer, falls_back).map_err(unwritable)?;
+    if config.budget != recorded.budget {
+        crate::files::write_json(&run.config(), &config).map_err(unwritable)?;
+    }
+    rewrite(&run, &trainer).map_err(unwritable)?;
+    trainer.save_best(&run.checkpoints()).map_err(|error: TrainError| Failure::Failed(error.to_string()))?;
+    Ok(Some((run, metrics, trainer)))
+}
+
+/// The run's config with what `--set` changes, which may be the budget alone.
+fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<Config, Failure> {
+    let config = Config::from_layers(Some(("the run's config", &json!(recorded).to_string())), sets)?;
+    match other_run(recorded, &config) {
+        None => Ok(config),
+        Some(difference) => Err(bad(
+            path,
+            &format!(
+                "holds another run: {difference}. A run that goes on can change its budget and nothing else; without \
+             --resume that is a run of its own"
+            ),
+        )),
+    }
+}
+
+/// What makes two configs different runs.
+fn other_run(recorded: &Config, given: &Config) -> Option<String> {
+    let without_budget = |config: &Config| {
+        let mut value = json!(config);
+        value["budget"] = Value::Null;
+        value
+    };
+    difference("", &without_budget(recorded), &without_budget(given))
+}
+
+/// The run at its latest good checkpoint, and whether that is the previous one; at its start if there is none yet.
+fn latest(run: &RunDir, config: &Config) -> Result<(Run, bool), Failure> {
+    let last = match load(&run.last(), config) {
+        Ok(trainer) => return Ok((trainer, false)),
+        Err(error) => error,
+    };
+    match load(&run.previous(), config) {
+        _ if !can_be_replaced(&last.problem) => Err(last.into()),
+        Ok(trainer) => {
+            let steps = trainer.progress().env_steps;
+            note(&format!("{last}; goes on from {} at step {steps}", run.previous().display()));
+            Ok((trainer, true))
+        }
+        Err(previous) if is_missing(&last.problem) && is_missing(&previous.problem) => {
+            note("the run has no checkpoint yet; starts again at step 0");
+            Ok((Trainer::new(config.clone(), CartPole::v1()), false))
+        }
+        Err(previous) => Err(Failure::BadInput(format!(
+            "{last}; {previous}; train again: --config {} --out another folder",
+            run.config().display()
+        ))),
+    }
+}
+
+pub(super) fn load(path: &Path, config: &Config) -> Result<Run, CheckpointError> {
+    let checkpoint = Checkpoint::read(path)?;
+    let trainer = match checkpoint.version() {
+        Ok(Some(1)) => Err(Problem::NoPlace),
+        _ => Trainer::resume(&checkpoint, CartPole::v1()),
+    };
+    let same = trainer.and_then(|trainer| match other_run(config, trainer.config()) {
+        None => Ok(trainer),
+        Some(difference) => Err(Problem::OtherRun(difference)),
+    });
+    same.map_err(|problem| CheckpointError { path: path.to_owned(), problem })
+}
+
+fn is_missing(problem: &Problem) -> bool {
+    matches!(problem, Problem::Unreadable(error) if error.kind() == io::ErrorKind::NotFound)
+}
+
+/// Whether the previous checkpoint can stand in: not where somebody can still get at the last one.
+fn can_be_replaced(problem: &Problem) -> bool {
+    let readable = matches!(
+        problem,
+        Problem::Unreadable(_) | Problem::WrongVersion(_) | Problem::NoPlace | Problem::OtherRun(_)
+    );
+    !readable || is_missing(problem)
+}
+
+/// Removes what the run has written after its checkpoint, the metrics apart.
+fn take_back(run: &RunDir, trainer: &Run, falls_back: bool) -> io::Result<()> {
+    fs::create_dir_all(run.checkpoints())?;
+    remove_unfinished(run.path())?;
+    remove_unfinished(&run.checkpoints())?;
+    if falls_back {
+        fs::rename(run.previous(), run.last())?;
+    }
+    let no_best = trainer.best_policy().is_none().then(|| run.best());
+    for path in [run.summary()].into_iter().chain(no_best) {
+        match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Gives the checkpoints the run's budget, as if it had always been that.
+fn rewrite(run: &RunDir, trainer: &Run) -> io::Result<()> {
+    for path in [run.last(), run.previous()] {
+        if let Ok(mut checkpoint) = load(&path, trainer.config())
+            && checkpoint.config() != trainer.config()
+            && checkpoint.set_budget(trainer.config().budget)
+        {
+            checkpoint.checkpoint()?.write(&path)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,196 @@
+//! `cartpole-dqn verify`
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::resume::{Run, load};
+use super::run_dir::{RunDir, bad};
+use super::signals::Signals;
+use super::train::Record;
+use super::{Failure, print};
+use crate::checkpoint::Checkpoint;
+use crate::config::difference;
+use crate::env::CartPole;
+use crate::files::{open_ordinary, read_limited, read_text_limited};
+use crate::sink::Console;
+use crate::trainer::{BEST, EndReason, EventSink, Header, LAST, PREVIOUS, Trainer};
+
+/// Largest checkpoint and summary that are read, in bytes.
+const MAX_CHECKPOINT: u64 = 1 << 32;
+const MAX_SUMMARY: u64 = 1 << 20;
+/// Bytes of a line that are compared at a time, and characters that are shown.
+const MAX_LINE: u64 = 1 << 20;
+const SHOWN: usize = 300;
+
+/// Train a run again and compare every byte.
+///
+/// Takes the config and the seed that are recorded in the run's folder and compares metrics, checkpoints and summary,
+/// but for the time that it took and what it ran on. A run that has not ended is compared up to its last checkpoint. Exit
+/// code 0 if every byte agrees, 1 if one does not.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: cartpole-dqn verify runs/my-run")]
+pub(super) struct Arguments {
+    /// The run's folder; nothing in it is changed
+    #[arg(value_name = "RUN_DIR")]
+    run: PathBuf,
+    /// Show no progress and, if every byte agrees, nothing
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// How far a run is compared.
+struct Extent {
+    /// None: to its end.
+    env_steps: Option<u64>,
+    /// Lines of the metrics.
+    lines: u64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let signals = Signals::listen()?;
+    let (run, mut config) = RunDir::open(&arguments.run)?;
+    let _shared = run.share()?;
+    let mut extent = Extent { env_steps: None, lines: u64::MAX };
+    if !run.summary().exists() {
+        let last = load(&run.last(), &config)?;
+        extent = Extent { env_steps: Some(last.progress().env_steps), lines: last.progress().events };
+        config = last.config().clone();
+    }
+    let folder = tempfile::tempdir().map_err(failed)?;
+    let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config)?;
+    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
+    if !arguments.quiet {
+        sinks.push(Box::new(Console::new(config.budget, 0)));
+    }
+    let mut trainer = Trainer::new(config, CartPole::v1());
+    let reason = train(&mut trainer, &mut sinks, &again, &extent, &signals)?;
+    drop(sinks);
+    let mut differences = compare_files(&run, &again, &extent)?;
+    if extent.env_steps.is_none() {
+        differences.extend(compare_summaries(&run, &Record::new(&again, &trainer, reason, 0.0))?);
+    }
+    report(&differences, &extent, arguments)
+}
+
+/// Trains the run again, as far as it is to be compared.
+fn train(
+    trainer: &mut Run,
+    sink: &mut dyn EventSink,
+    again: &RunDir,
+    extent: &Extent,
+    signals: &Signals,
+) -> Result<EndReason, Failure> {
+    let folder = again.checkpoints();
+    let mut reason = EndReason::Interrupted;
+    match extent.env_steps {
+        None => reason = trainer.run(sink, Some(&folder), &signals.stop)?,
+        Some(last) => {
+            while trainer.progress().env_steps < last && !signals.stop.load(Ordering::Relaxed) {
+                trainer.step(sink, Some(&folder))?;
+            }
+            trainer.save_last(sink, Some(&folder))?;
+        }
+    }
+    if signals.stop.load(Ordering::Relaxed) {
+        let message = format!("stopped after step {}; nothing is verified", trainer.progress().env_steps);
+        return Err(Failure::Interrupted(message, signals.exit_code()));
+    }
+    Ok(reason)
+}
+
+/// What the metrics and the checkpoints of a run and its repetition differ in.
+fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, Failure> {
+    let mut differences = Vec::new();
+    differences.extend(compare_lines(&run.metrics(), &again.metrics(), extent.lines)?);
+    for name in [BEST, LAST, PREVIOUS] {
+        let (path, repeated) = (run.checkpoints().join(name), again.checkpoints().join(name));
+        if name == BEST && extent.env_steps.is_some_and(|last| step_of(&path).is_some_and(|step| step > last))
+        {
+            continue;
+        }
+        let problem = match (read_limited(&path, MAX_CHECKPOINT), repeated.exists()) {
+            (Err(error), false) if error.kind() == io::ErrorKind::NotFound => continue,
+            (Err(error), _) => error.to_string(),
+            (Ok(_), false) => "there should be none".into(),
+            (Ok(bytes), true) => match read_limited(&repeated, MAX_CHECKPOINT).map_err(failed)? {
+                expected if expected == bytes => continue,
+                _ => Checkpoint::from_bytes(&bytes).err().map_or("other content".into(), |e| e.to_string()),
+            },
+        };
+        differences.push(format!("checkpoints/{name}: {problem}"));
+    }
+    Ok(differences)
+}
+
+/// The first of so many lines that differs.
+fn compare_lines(recorded: &Path, repeated: &Path, count: u64) -> Result<Option<String>, Failure> {
+    let open = |path| open_ordinary(File::options().read(true), path).map(BufReader::new).map_err(failed);
+    let line = |file: &mut BufReader<File>| {
+        let mut line = Vec::new();
+        file.take(MAX_LINE).read_until(b'\n', &mut line).map(|_| line).map_err(failed)
+    };
+    let (mut recorded, mut repeated) = (open(recorded)?, open(repeated)?);
+    for number in 1..=count {
+        match (line(&mut recorded)?, line(&mut repeated)?) {
+            (a, b) if a != b => {
+                let (a, b) = (shown(&a), shown(&b));
+                let text = format!("metrics.jsonl, first at line {number}:\n  recorded {a}\n  repeated {b}");
+                return Ok(Some(text));
+            }
+            (a, _) if a.is_empty() => break,
+            _ => {}
+        }
+    }
+    Ok(None)
+}
+
+fn shown(line: &[u8]) -> String {
+    match String::from_utf8_lossy(line).trim_end() {
+        "" => "nothing".into(),
+        line => line.chars().filter(|c| !c.is_control()).take(SHOWN).collect(),
+    }
+}
+
+fn step_of(best: &Path) -> Option<u64> {
+    Some(Checkpoint::read(best).ok()?.header::<Header>().ok()?.env_steps)
+}
+
+/// What the summaries differ in, but for the circumstances of the training.
+fn compare_summaries(run: &RunDir, repeated: &Record) -> Result<Option<String>, Failure> {
+    let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(failed)?;
+    let recorded = serde_json::from_str(&text)
+        .map_err(|error| bad(run.path(), &format!("has a damaged summary.json: {error}")))?;
+    let outcome = |mut summary: Value| {
+        if let Some(fields) = summary.as_object_mut() {
+            Record::CIRCUMSTANCES.iter().for_each(|field| drop(fields.remove(*field)));
+        }
+        summary
+    };
+    let difference = difference("", &outcome(recorded), &outcome(json!(repeated)));
+    Ok(difference.map(|difference| format!("summary.json: {difference}")))
+}
+
+fn report(differences: &[String], extent: &Extent, arguments: &Arguments) -> Result<(), Failure> {
+    let extent = extent.env_steps.map_or_else(
+        || "to its end".into(),
+        |last| format!("up to its last checkpoint, at step {last}; it has not ended"),
+    );
+    match differences {
+        [] if arguments.quiet => Ok(()),
+        [] => print(&format!("every byte agrees: {} was trained again {extent}\n", arguments.run.display())),
+        _ => Err(Failure::Failed(format!(
+            "{} was trained again {extent}, and differs in\n{}",
+            arguments.run.display(),
+            differences.join("\n")
+        ))),
+    }
+}
+
+fn failed(error: io::Error) -> Failure {
+    Failure::Failed(format!("cannot verify: {error}"))
+}
