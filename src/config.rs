@@ -17,7 +17,6 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-pub use difference::difference;
 use keys::Allowed;
 use layer::{Layer, choose, choose_or_null, invalid, object};
 
@@ -28,6 +27,7 @@ use crate::env::{CartPole, Environment, EnvironmentId};
 use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
+pub use difference::difference;
 pub use schema::Setting;
 
 /// Largest config that is read, in bytes.

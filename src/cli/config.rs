@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use schemars::schema_for;
 
-use super::train::resolve;
+use super::train::{resolve, sets};
 use super::{Failure, print, print_json};
 use crate::config::{Config, Setting};
 
@@ -48,7 +48,7 @@ struct Show {
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
         Command::Show(Show { config, seed, set, json }) => {
-            let config = resolve(config.as_deref(), &set, seed)?;
+            let config = resolve(config.as_deref(), &sets(&set, seed))?;
             if json { print_json(&config) } else { print(&describe(&config)) }
         }
         Command::Schema => {

@@ -1,23 +1,27 @@
 //! `cartpole-dqn report`
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::{Failure, print, print_json};
 use crate::files::{write_json, write_whole};
-use crate::report::{REPORT, Report, ReportError};
+use crate::report::{self, REPORT, Report, ReportError};
 
 /// Say what a study or a run amounts to.
 ///
-/// Prints a table and writes report.json, evaluations.csv and plots (SVG).
+/// Prints a table and writes report.json, evaluations.csv and plots (SVG); with --html one page with everything instead.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: cartpole-dqn report studies/gamma")]
+#[command(after_help = "Example: cartpole-dqn report studies/gamma
+         cartpole-dqn report runs/one runs/other --html runs.html")]
 pub(super) struct Arguments {
-    /// Folder of a study or of a run
-    #[arg(value_name = "DIR")]
-    folder: PathBuf,
+    /// Folder of a study or of a run; with --html several runs are compared
+    #[arg(value_name = "DIR", required = true)]
+    folders: Vec<PathBuf>,
+    /// Write one HTML file that needs no other and no network, and nothing else
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "json"])]
+    html: Option<PathBuf>,
     /// Folder for the files [default: DIR itself]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -33,8 +37,14 @@ impl From<ReportError> for Failure {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let report = Report::of(&arguments.folder)?;
-    let out = arguments.out.as_ref().unwrap_or(&arguments.folder);
+    if let Some(file) = &arguments.html {
+        return write_page(file, &arguments.folders);
+    }
+    let [folder] = &arguments.folders[..] else {
+        return Err(Failure::BadInput("several folders need --html FILE; without it give one".into()));
+    };
+    let report = Report::of(folder)?;
+    let out = arguments.out.as_ref().unwrap_or(folder);
     fs::create_dir_all(out)
         .map_err(|error| Failure::BadInput(format!("folder {} cannot be made: {error}", out.display())))?;
     let json = out.join(REPORT);
@@ -55,4 +65,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         result.map_err(|error| Failure::Failed(format!("cannot write {}: {error}", path.display())))?;
     }
     Ok(())
+}
+
+fn write_page(file: &Path, folders: &[PathBuf]) -> Result<(), Failure> {
+    let bad = |problem: &str| Failure::BadInput(format!("cannot write --html {}: {problem}", file.display()));
+    if file.is_dir() {
+        return Err(bad("it is a folder; give a file"));
+    }
+    if file.is_file()
+        && !fs::read(file).is_ok_and(|old| old.is_empty() || old.starts_with(b"<!DOCTYPE html>"))
+    {
+        return Err(bad("the file that is there is no page; choose another"));
+    }
+    let page = report::page(folders)?;
+    write_whole(file, |file| file.write_all(page.as_bytes())).map_err(|error| bad(&error.to_string()))?;
+    print(&format!("written: {}\n", file.display()))
 }

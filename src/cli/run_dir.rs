@@ -121,7 +121,7 @@ impl RunDir {
         }
         // The old config stays until the new one takes its place: a run that is half replaced can still be replaced.
         replaced.iter().try_for_each(fs::remove_file)?;
-        // The new run may have none; an empty folder that stays harms nobody.
+        // The new run may have none; where it stays it is empty.
         let _ = fs::remove_dir(self.tensorboard());
         metrics.cut(0)?;
         write_json(&self.config(), config).inspect_err(|_| {
@@ -172,12 +172,8 @@ impl RunDir {
             if (is_folder && path.is_dir()) || (stay.contains(&path) && is_ordinary(&path)) {
                 continue;
             }
-            if path.is_dir()
-                || !(go.contains(&path)
-                    || self.is_events(&path)
-                    || is_unfinished(&name)
-                    || report::is_part(&name))
-            {
+            let is_own = go.contains(&path) || self.is_events(&path) || report::is_part(&name);
+            if path.is_dir() || !(is_own || is_unfinished(&name)) {
                 return Err(format!(
                     "holds {}, which is not of a run; --force replaces a run and nothing else",
                     path.display()

@@ -65,7 +65,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let signals = Signals::listen()?;
     let started = match &arguments.resume {
-        Some(path) => resume(path, &layered(&arguments.set, arguments.seed))?,
+        Some(path) => resume(path, &sets(&arguments.set, arguments.seed))?,
         None => Some(start(&arguments)?),
     };
     let Some((run, metrics, mut trainer)) = started else { return Ok(()) };
@@ -75,7 +75,8 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     if arguments.tensorboard {
         let (folder, optimizer) = (run.tensorboard(), trainer.config().optimizer);
-        let events = TensorBoard::create(&folder, move |steps| optimizer.learning_rate_after(steps));
+        let learning_rate = move |steps| optimizer.learning_rate_after(steps);
+        let events = TensorBoard::create(&folder, trainer.progress().env_steps, learning_rate);
         sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error))?));
     }
     let start = Instant::now();
@@ -140,26 +141,27 @@ impl Record {
 
 /// A new run in its own folder.
 fn start(arguments: &Arguments) -> Result<Resumed, Failure> {
-    let config = resolve(arguments.config.as_deref(), &arguments.set, arguments.seed)?;
+    let config = resolve(arguments.config.as_deref(), &sets(&arguments.set, arguments.seed))?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, &config));
     let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
     Ok((run, metrics, Trainer::new(config, CartPole::v1())))
 }
 
 /// `--set` < `--seed`.
-fn layered(sets: &[String], seed: Option<u64>) -> Vec<String> {
-    sets.iter().cloned().chain(seed.map(|seed| format!("seed={seed}"))).collect()
+pub(super) fn sets(sets: &[String], seed: Option<u64>) -> Vec<String> {
+    let seed = seed.map(|seed| format!("seed={seed}"));
+    sets.iter().cloned().chain(seed).collect()
 }
 
-/// Defaults < file < `--set` < `--seed`.
-pub(super) fn resolve(file: Option<&Path>, sets: &[String], seed: Option<u64>) -> Result<Config, Failure> {
+/// Defaults < file < sets.
+pub(super) fn resolve(file: Option<&Path>, sets: &[String]) -> Result<Config, Failure> {
     let file = file.map(|path| Ok::<_, Failure>((path.display().to_string(), config::read_file(path)?)));
     let file = file.transpose()?;
     let layer = match &file {
         Some((name, text)) => (name.as_str(), text.as_str()),
         None => ("the built-in config", DEFAULT_CONFIG),
     };
-    Ok(Config::from_layers(Some(layer), &layered(sets, seed))?)
+    Ok(Config::from_layers(Some(layer), sets)?)
 }
 
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {

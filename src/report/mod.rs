@@ -1,7 +1,11 @@
 //! What a study or a run amounts to: numbers, tables and plots, from files alone.
 
+mod events;
 pub mod history;
+mod html;
+mod panels;
 mod plots;
+mod portrait;
 mod run;
 pub mod statistics;
 mod study;
@@ -12,6 +16,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
+pub use html::page;
+
 use crate::files::read_text_limited;
 use crate::study::MANIFEST;
 use crate::trainer::Evaluation;
@@ -20,6 +26,8 @@ use crate::trainer::Evaluation;
 pub const REPORT: &str = "report.json";
 /// Name of the table of evaluations.
 pub const EVALUATIONS: &str = "evaluations.csv";
+/// Name of a page in the folder that it is about.
+const PAGE: &str = "report.html";
 /// Version of `report.json`.
 pub const FORMAT_VERSION: u32 = 1;
 
@@ -49,6 +57,10 @@ impl ReportError {
     fn new(path: &Path, problem: impl ToString) -> Self {
         Self { path: path.into(), problem: problem.to_string() }
     }
+
+    fn neither(folder: &Path) -> Self {
+        Self::new(folder, format!("is no study (no {MANIFEST}) and no run (no {})", events::METRICS))
+    }
 }
 
 impl Report {
@@ -59,18 +71,17 @@ impl Report {
     pub fn of(folder: &Path) -> Result<Self, ReportError> {
         if folder.join(MANIFEST).is_file() {
             study::report(folder)
-        } else if folder.join(run::METRICS).is_file() {
+        } else if folder.join(events::METRICS).is_file() {
             run::report(folder)
         } else {
-            let problem = format!("is no study (no {MANIFEST}) and no run (no {})", run::METRICS);
-            Err(ReportError::new(folder, problem))
+            Err(ReportError::neither(folder))
         }
     }
 }
 
 /// Whether a file in a folder is of a report.
 pub fn is_part(name: &std::ffi::OsStr) -> bool {
-    [REPORT, EVALUATIONS].into_iter().chain(plots::NAMES).any(|part| name == part)
+    [REPORT, EVALUATIONS, PAGE].into_iter().chain(plots::NAMES).any(|part| name == part)
 }
 
 fn read(path: &Path) -> Result<String, ReportError> {

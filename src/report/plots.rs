@@ -3,7 +3,7 @@
 use super::history::THRESHOLD;
 use super::statistics::Estimate;
 use super::study::ConfigReport;
-use super::svg::Plot;
+use super::svg::{Plot, Shape};
 use crate::env::{CartPole, Environment, TimeLimit};
 use crate::trainer::Evaluation;
 
@@ -21,23 +21,27 @@ pub(super) const NAMES: [&str; 5] = [
     "learning_curve.svg",
 ];
 
-/// The plots of a study: name and content.
+/// Draws one plot of a study.
+type Draw = fn(&[ConfigReport], Shape) -> Plot;
+
+/// The plots of a study: name and how it is drawn.
+pub(super) const STUDY: [(&str, Draw); 4] = [
+    (NAMES[0], learning_curves),
+    (NAMES[1], performance_profile),
+    (NAMES[2], steps_to_solve),
+    (NAMES[3], compare),
+];
+
+/// The files of a study's plots: name and content.
 pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, String)> {
-    let [curves, profile, steps, comparison, _] = NAMES;
-    vec![
-        (curves, learning_curves(configs)),
-        (profile, performance_profile(configs)),
-        (steps, steps_to_solve(configs)),
-        (comparison, compare(configs)),
-    ]
+    STUDY.iter().map(|(name, draw)| (*name, draw(configs, Shape::FILE).finish())).collect()
 }
 
-/// The plot of a run: its evaluations, and the mean return of the last 100 training episodes.
+/// The file of a run's plot: its evaluations, and the mean return of the last 100 training episodes.
 pub(super) fn run(evaluations: &[Evaluation], training: &[(f64, f64)]) -> Vec<(&'static str, String)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
-    let mut plot = Plot::new("Learning curve", [STEPS, "mean return"], (0.0, end), RETURNS);
-    plot.level(THRESHOLD, "solved");
+    let mut plot = returns(Shape::FILE, "Learning curve", end);
     for (series, (points, text)) in
         [(&points[..], "evaluations"), (training, "last 100 training episodes")].into_iter().enumerate()
     {
@@ -45,6 +49,13 @@ pub(super) fn run(evaluations: &[Evaluation], training: &[(f64, f64)]) -> Vec<(&
         plot.legend(series, text);
     }
     vec![(NAMES[4], plot.finish())]
+}
+
+/// An empty plot of returns over environment steps.
+pub(super) fn returns(shape: Shape, title: &str, end: f64) -> Plot {
+    let mut plot = Plot::new(shape, title, [STEPS, "mean return"], (0.0, end), RETURNS);
+    plot.level(THRESHOLD, "solved");
+    plot
 }
 
 fn ends(estimate: &Estimate) -> Option<(f64, f64)> {
@@ -72,10 +83,10 @@ fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
     plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
 }
 
-fn learning_curves(configs: &[ConfigReport]) -> String {
+fn learning_curves(configs: &[ConfigReport], shape: Shape) -> Plot {
     let title = "Learning curves: IQM over seeds, 95 % bootstrap interval";
     let mut plot =
-        Plot::new(title, [STEPS, "mean return of an evaluation"], (0.0, last_step(configs)), RETURNS);
+        Plot::new(shape, title, [STEPS, "mean return of an evaluation"], (0.0, last_step(configs)), RETURNS);
     plot.level(THRESHOLD, "solved");
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
@@ -83,26 +94,26 @@ fn learning_curves(configs: &[ConfigReport]) -> String {
         line_with_band(&mut plot, series, &points);
     }
     legend(&mut plot, configs);
-    plot.finish()
+    plot
 }
 
-fn performance_profile(configs: &[ConfigReport]) -> String {
+fn performance_profile(configs: &[ConfigReport], shape: Shape) -> Plot {
     let title = "Performance profile of the final policies, 95 % Wilson interval";
     let labels = ["mean return τ", "share of seeds above τ"];
-    let mut plot = Plot::new(title, labels, (0.0, MAX_RETURN), (0.0, 1.02));
+    let mut plot = Plot::new(shape, title, labels, (0.0, MAX_RETURN), (0.0, 1.02));
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
             config.performance_profile.iter().map(|point| (point.tau, point.share)).collect();
         line_with_band(&mut plot, series, &points);
     }
     legend(&mut plot, configs);
-    plot.finish()
+    plot
 }
 
-fn steps_to_solve(configs: &[ConfigReport]) -> String {
+fn steps_to_solve(configs: &[ConfigReport], shape: Shape) -> Plot {
     let end = last_step(configs);
     let title = "Steps before the first evaluation that solves";
-    let mut plot = Plot::new(title, [STEPS, "share of seeds"], (0.0, end), (0.0, 1.02));
+    let mut plot = Plot::new(shape, title, [STEPS, "share of seeds"], (0.0, end), (0.0, 1.02));
     for (series, config) in configs.iter().enumerate() {
         let seeds = config.seeds as f64;
         let solved = config.steps_to_solve.solved.iter().enumerate();
@@ -112,16 +123,16 @@ fn steps_to_solve(configs: &[ConfigReport]) -> String {
         plot.steps(series, &points);
     }
     legend(&mut plot, configs);
-    plot.finish()
+    plot
 }
 
-fn compare(configs: &[ConfigReport]) -> String {
+fn compare(configs: &[ConfigReport], shape: Shape) -> Plot {
     let title = "IQM of the final policies over seeds, 95 % bootstrap interval";
     let rows = configs.len() as f64;
-    let mut plot = Plot::new(title, ["mean return", ""], RETURNS, (0.0, rows)).without_y_ticks();
+    let mut plot = Plot::new(shape, title, ["mean return", ""], RETURNS, (0.0, rows)).without_y_ticks();
     for (series, config) in configs.iter().enumerate() {
         let y = rows - series as f64 - 0.6;
         plot.interval(series, y, config.final_iqm.value, ends(&config.final_iqm), &config.name);
     }
-    plot.finish()
+    plot
 }

@@ -1,18 +1,16 @@
 //! The report of one run: what happened and when, each statement with its numbers.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::events::{History, METRICS, Series};
 use super::history::{self, Retention, THRESHOLD};
-use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots, read};
+use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots};
 use crate::trainer::Evaluation;
 
-/// Name of the file of events.
-pub(super) const METRICS: &str = "metrics.jsonl";
-const CONFIG: &str = "config.json";
+pub(super) const CONFIG: &str = "config.json";
 
 /// Samples of a statistic that its usual range is taken from, at least and at most.
 const BASELINE: std::ops::RangeInclusive<usize> = 5..=20;
@@ -21,21 +19,21 @@ const MOVED: f64 = 4.0;
 
 /// `report.json` of a run.
 #[derive(Serialize)]
-struct RunReport {
+pub(super) struct RunReport {
     format_version: u32,
     kind: &'static str,
     threshold: f64,
-    seed: u64,
-    ended: bool,
+    pub(super) seed: u64,
+    pub(super) ended: bool,
     evaluations: usize,
-    solved_at_step: Option<u64>,
-    best: Evaluation,
+    pub(super) solved_at_step: Option<u64>,
+    pub(super) best: Evaluation,
     #[serde(rename = "final")]
-    final_: Evaluation,
+    pub(super) final_: Evaluation,
     area_under_curve: f64,
     retention: Option<Retention>,
     collapses: Vec<Collapse>,
-    statements: Vec<String>,
+    pub(super) statements: Vec<String>,
 }
 
 /// A solution that was lost between two evaluations.
@@ -59,105 +57,59 @@ struct Moved {
     usual_std: f64,
 }
 
-/// A statistic's name → (environment steps, value).
-type Series = BTreeMap<String, Vec<(u64, f64)>>;
+/// A run that has been read and judged.
+pub(super) struct Run {
+    /// Its folder's name.
+    pub(super) name: String,
+    pub(super) config: Value,
+    pub(super) history: History,
+    pub(super) report: RunReport,
+}
 
-/// What the events of a run hold.
-#[derive(Default)]
-struct History {
-    evaluations: Vec<Evaluation>,
-    /// Environment steps, mean return of the last 100 training episodes.
-    training: Vec<(f64, f64)>,
-    statistics: Series,
-    ended: bool,
+impl Run {
+    pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
+        let config: Value = parse(&folder.join(CONFIG))?;
+        let path = folder.join(METRICS);
+        let history = History::read(&path)?;
+        let evaluations = &history.evaluations;
+        let best = evaluations.iter().rev().max_by(|a, b| a.mean.total_cmp(&b.mean));
+        let (Some(&best), Some(&final_)) = (best, evaluations.last()) else {
+            return Err(ReportError::new(&path, "holds no evaluation yet"));
+        };
+        let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();
+        let curve: Vec<f64> = evaluations.iter().map(|evaluation| evaluation.mean).collect();
+        let mut report = RunReport {
+            format_version: FORMAT_VERSION,
+            kind: "run",
+            threshold: THRESHOLD,
+            seed: config["seed"].as_u64().unwrap_or_default(),
+            ended: history.ended,
+            evaluations: evaluations.len(),
+            solved_at_step: history::steps_to_solve(evaluations),
+            best,
+            final_,
+            area_under_curve: history::area_under_curve(&grid, &curve),
+            retention: history::retention(evaluations),
+            collapses: history.collapses(),
+            statements: Vec::new(),
+        };
+        report.statements = statements(&report, !history.statistics.is_empty());
+        let folder = folder.canonicalize().ok();
+        let name = folder.and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+        Ok(Self { name: name.unwrap_or_else(|| "run".into()), config, history, report })
+    }
 }
 
 /// The report of the run in a folder.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
-    let config: Value = parse(&folder.join(CONFIG))?;
-    let seed = config["seed"].as_u64().unwrap_or_default();
-    let path = folder.join(METRICS);
-    let history = History::read(&path)?;
-    let evaluations = &history.evaluations;
-    let best = evaluations.iter().rev().max_by(|a, b| a.mean.total_cmp(&b.mean));
-    let (Some(&best), Some(&final_)) = (best, evaluations.last()) else {
-        return Err(ReportError::new(&path, "holds no evaluation yet"));
-    };
-    let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();
-    let curve: Vec<f64> = evaluations.iter().map(|evaluation| evaluation.mean).collect();
-    let mut report = RunReport {
-        format_version: FORMAT_VERSION,
-        kind: "run",
-        threshold: THRESHOLD,
-        seed,
-        ended: history.ended,
-        evaluations: evaluations.len(),
-        solved_at_step: history::steps_to_solve(evaluations),
-        best,
-        final_,
-        area_under_curve: history::area_under_curve(&grid, &curve),
-        retention: history::retention(evaluations),
-        collapses: history.collapses(),
-        statements: Vec::new(),
-    };
-    report.statements = statements(&report, !history.statistics.is_empty());
-    let name =
-        folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-    let rows = csv(std::iter::once((name.as_deref().unwrap_or("run"), seed, &evaluations[..])));
+    let Run { name, history, report, .. } = Run::read(folder)?;
+    let rows = csv(std::iter::once((name.as_str(), report.seed, &history.evaluations[..])));
     let mut files = vec![(EVALUATIONS, rows)];
-    files.extend(plots::run(evaluations, &history.training));
+    files.extend(plots::run(&history.evaluations, &history.training));
     Ok(Report { text: report.statements.join("\n") + "\n", json: json!(report), files })
 }
 
 impl History {
-    fn read(path: &Path) -> Result<Self, ReportError> {
-        let text = read(path)?;
-        let (mut history, mut last_step) = (Self::default(), 0);
-        let lines: Vec<&str> = text.lines().collect();
-        for (i, line) in lines.iter().enumerate() {
-            match serde_json::from_str(line) {
-                Ok::<Value, _>(event) => {
-                    let step = event["env_steps"].as_u64().unwrap_or(last_step);
-                    if step < last_step {
-                        let problem = format!("line {}: `env_steps` goes back to {step}", i + 1);
-                        return Err(ReportError::new(path, problem));
-                    }
-                    last_step = step;
-                    history.take(&event);
-                }
-                // A run that was killed can leave half a line at the end.
-                Err(_) if i + 1 == lines.len() && !text.ends_with('\n') => {}
-                Err(error) => return Err(ReportError::new(path, format!("line {}: {error}", i + 1))),
-            }
-        }
-        Ok(history)
-    }
-
-    fn take(&mut self, event: &Value) {
-        let Some(env_steps) = event["env_steps"].as_u64() else { return };
-        match (event["event"].as_str(), event["mean"].as_f64(), event["mean_return_100"].as_f64()) {
-            (Some("evaluation"), Some(mean), _) => self.evaluations.push(Evaluation { env_steps, mean }),
-            (Some("episode"), _, Some(mean)) => self.training.push((env_steps as f64, mean)),
-            (Some("end"), ..) => self.ended = true,
-            (Some("evaluation" | "episode"), ..) => {}
-            _ => self.take_statistics("", env_steps, event),
-        }
-    }
-
-    /// Every number in an event of another kind is a statistic, under the path of its key.
-    fn take_statistics(&mut self, path: &str, env_steps: u64, value: &Value) {
-        const COUNTERS: [&str; 4] = ["env_steps", "episodes", "episode", "updates"];
-        if let Some(number) = value.as_f64() {
-            self.statistics.entry(path.to_owned()).or_default().push((env_steps, number));
-        }
-        for (key, member) in value.as_object().into_iter().flatten() {
-            if !COUNTERS.contains(&key.as_str()) {
-                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-                self.take_statistics(&path, env_steps, member);
-            }
-        }
-    }
-
     fn collapses(&self) -> Vec<Collapse> {
         let collapse = |(before, after): (Evaluation, Evaluation)| {
             let is_later = |evaluation: &&Evaluation| evaluation.env_steps > after.env_steps;

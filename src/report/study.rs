@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::history::{self, Retention, THRESHOLD};
 use super::statistics::{self, BOOTSTRAP_SEED, Estimate, LEAST_SEEDS, RESAMPLES, iqm, mean, median, sorted};
@@ -26,23 +26,25 @@ struct Manifest {
 }
 
 #[derive(Deserialize)]
-struct Named {
-    name: String,
+pub(super) struct Named {
+    pub(super) name: String,
+    #[serde(default)]
+    pub(super) config: Value,
 }
 
 /// `report.json` of a study.
 #[derive(Serialize)]
-struct StudyReport {
+pub(super) struct StudyReport {
     format_version: u32,
     kind: &'static str,
     threshold: f64,
-    seeds: Range<u64>,
+    pub(super) seeds: Range<u64>,
     trials: usize,
     finished: usize,
     failed: usize,
     bootstrap: Bootstrap,
-    warnings: Vec<String>,
-    configs: Vec<ConfigReport>,
+    pub(super) warnings: Vec<String>,
+    pub(super) configs: Vec<ConfigReport>,
     comparisons: Vec<Comparison>,
 }
 
@@ -133,34 +135,48 @@ struct Comparison {
     iqm_difference: Estimate,
 }
 
+/// A study that has been read and judged.
+pub(super) struct Study {
+    pub(super) configs: Vec<Named>,
+    trials: Vec<Vec<Trial>>,
+    pub(super) report: StudyReport,
+}
+
+impl Study {
+    pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
+        let path = folder.join(MANIFEST);
+        let manifest: Manifest = parse(&path)?;
+        if manifest.format_version != study::FORMAT_VERSION {
+            let problem = format!(
+                "has format_version {}, and this program reads {}",
+                manifest.format_version,
+                study::FORMAT_VERSION
+            );
+            return Err(ReportError::new(&path, problem));
+        }
+        let trials = read_trials(folder, &manifest)?;
+        let configs: Vec<ConfigReport> = trials.iter().map(|trials| config_report(trials)).collect();
+        let report = StudyReport {
+            format_version: FORMAT_VERSION,
+            kind: "study",
+            threshold: THRESHOLD,
+            trials: manifest.seeds.clone().count().saturating_mul(configs.len()),
+            finished: trials.iter().map(Vec::len).sum(),
+            failed: configs.iter().map(|config| config.failed).sum(),
+            bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
+            warnings: warnings(&manifest, &configs),
+            comparisons: configs.iter().skip(1).map(|config| compare(config, &configs[0])).collect(),
+            seeds: manifest.seeds,
+            configs,
+        };
+        Ok(Self { configs: manifest.configs, trials, report })
+    }
+}
+
 /// The report of the study in a folder.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
-    let path = folder.join(MANIFEST);
-    let manifest: Manifest = parse(&path)?;
-    if manifest.format_version != study::FORMAT_VERSION {
-        let problem = format!(
-            "has format_version {}, and this program reads {}",
-            manifest.format_version,
-            study::FORMAT_VERSION
-        );
-        return Err(ReportError::new(&path, problem));
-    }
-    let groups = read_trials(folder, &manifest)?;
-    let configs: Vec<ConfigReport> = groups.iter().map(|trials| config_report(trials)).collect();
-    let report = StudyReport {
-        format_version: FORMAT_VERSION,
-        kind: "study",
-        threshold: THRESHOLD,
-        trials: manifest.seeds.clone().count().saturating_mul(configs.len()),
-        finished: groups.iter().map(Vec::len).sum(),
-        failed: configs.iter().map(|config| config.failed).sum(),
-        bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
-        warnings: warnings(&manifest, &configs),
-        comparisons: configs.iter().skip(1).map(|config| compare(config, &configs[0])).collect(),
-        seeds: manifest.seeds,
-        configs,
-    };
-    let runs = groups.iter().flatten();
+    let Study { trials, report, .. } = Study::read(folder)?;
+    let runs = trials.iter().flatten();
     let evaluations = csv(runs.map(|trial| (trial.config.as_str(), trial.seed, &trial.evaluations[..])));
     let mut files = vec![(EVALUATIONS, evaluations)];
     files.extend(plots::study(&report.configs));
@@ -170,7 +186,7 @@ pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
 /// The finished trials of each config, in the order of their seeds.
 fn read_trials(folder: &Path, manifest: &Manifest) -> Result<Vec<Vec<Trial>>, ReportError> {
     let mut groups = Vec::new();
-    for (i, Named { name }) in manifest.configs.iter().enumerate() {
+    for (i, Named { name, .. }) in manifest.configs.iter().enumerate() {
         let mut trials = Vec::new();
         let seeds = finished_seeds(folder, i).map_err(|error| ReportError::new(folder, error))?;
         for seed in seeds.into_iter().filter(|seed| manifest.seeds.contains(seed)) {
@@ -322,7 +338,8 @@ fn share_shown(count: usize, share: &Estimate) -> String {
     }
 }
 
-fn describe(report: &StudyReport) -> String {
+/// The tables of a report: what the policies came to, and how they got there.
+pub(super) fn tables(report: &StudyReport) -> [Vec<Vec<String>>; 2] {
     let row = |cells: &[&str]| cells.iter().map(ToString::to_string).collect::<Vec<String>>();
     let steps = |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
     let mut scores = vec![row(&[
@@ -373,15 +390,36 @@ fn describe(report: &StudyReport) -> String {
             format!("{collapses} on {collapsed_seeds} seeds"),
         ]);
     }
-    let mut text = format!("{}\n{}", table(&scores), table(&courses));
-    for Comparison { config, against, probability_of_improvement, iqm_difference } in &report.comparisons {
-        // Writing to a string cannot fail.
-        let _ = write!(
-            text,
-            "\n{config} against {against}: probability of improvement {}, difference of IQMs {}",
+    [scores, courses]
+}
+
+/// What is said of each config against the first.
+pub(super) fn comparisons(report: &StudyReport) -> Vec<String> {
+    let sentence = |comparison: &Comparison| {
+        let Comparison { config, against, probability_of_improvement, iqm_difference } = comparison;
+        format!(
+            "{config} against {against}: probability of improvement {}, difference of IQMs {}",
             shown(probability_of_improvement, 3),
             shown(iqm_difference, 1)
-        );
+        )
+    };
+    report.comparisons.iter().map(sentence).collect()
+}
+
+/// What the tables mean.
+pub(super) fn footnote() -> String {
+    format!(
+        "Solved: mean return ≥ {THRESHOLD} over eval's {} episodes. In brackets: 95 % intervals over training seeds.",
+        study::SCORE_EPISODES
+    )
+}
+
+fn describe(report: &StudyReport) -> String {
+    let [scores, courses] = tables(report);
+    let mut text = format!("{}\n{}", table(&scores), table(&courses));
+    for sentence in comparisons(report) {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "\n{sentence}");
     }
     if !report.comparisons.is_empty() {
         text.push('\n');
@@ -389,10 +427,6 @@ fn describe(report: &StudyReport) -> String {
     for warning in &report.warnings {
         let _ = write!(text, "\nnote: {warning}");
     }
-    let _ = write!(
-        text,
-        "\nSolved: mean return ≥ {THRESHOLD} over eval's {} episodes. In brackets: 95 % intervals over training seeds.\n",
-        study::SCORE_EPISODES
-    );
+    let _ = write!(text, "\n{}\n", footnote());
     text
 }

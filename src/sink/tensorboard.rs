@@ -34,11 +34,15 @@ pub struct TensorBoard {
 }
 
 impl TensorBoard {
-    /// Creates a new file in a folder, which is made if it is missing.
+    /// Creates a new file in a folder, which is made if it is missing, for a run that goes on after `env_steps` steps.
     ///
     /// # Errors
     /// When that fails.
-    pub fn create(folder: &Path, learning_rate: impl Fn(u64) -> f64 + 'static) -> io::Result<Self> {
+    pub fn create(
+        folder: &Path,
+        env_steps: u64,
+        learning_rate: impl Fn(u64) -> f64 + 'static,
+    ) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         let name =
             format!("{TENSORBOARD_PREFIX}{:.0}.cartpole-dqn.{}", wall_time().floor(), std::process::id());
@@ -49,6 +53,14 @@ impl TensorBoard {
         put_double(&mut version, 1, wall_time());
         put_bytes(&mut version, 3, b"brain.Event:2");
         sink.write_record(&version)?;
+        if env_steps > 0 {
+            // `SessionLog { status = START }`: TensorBoard then forgets what earlier files hold from this step on.
+            let mut start = Vec::new();
+            put_double(&mut start, 1, wall_time());
+            put_varint(&mut start, 2, env_steps + 1);
+            put_bytes(&mut start, 7, &[1 << 3, 1]);
+            sink.write_record(&start)?;
+        }
         sink.file.flush()?;
         Ok(sink)
     }

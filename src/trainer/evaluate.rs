@@ -1,5 +1,7 @@
 //! Playing episodes without learning, and what their returns amount to.
 
+use std::convert::Infallible;
+
 use serde::Serialize;
 
 use crate::agent::{Greedy, Policy, Probes};
@@ -141,6 +143,43 @@ pub fn play<E: Environment, X>(
         observation = outcome.observation;
     }
     Ok(total)
+}
+
+/// One moment of an episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// The environment's state.
+    pub state: Vec<f64>,
+    /// The action that was taken in it; none at the end.
+    pub action: Option<usize>,
+    /// The Q-values on which it was taken; empty at the end.
+    pub q_values: Vec<f32>,
+}
+
+/// Plays one episode of a network's greedy policy and keeps it. The state of the last frame is in f32.
+pub fn record<E: Environment>(network: &Mlp<f32>, environment: E, seed: u64) -> Vec<Frame> {
+    let mut frames = Vec::new();
+    let mut last = Vec::new();
+    let played = play(&mut Greedy::new(network.clone(), 1), environment, seed, |traced| {
+        let TraceStep { state, action, q_values, outcome, .. } = traced;
+        frames.push(Frame { state: state.to_vec(), action: Some(action), q_values: q_values.to_vec() });
+        last = outcome.observation.as_ref().iter().map(|&value| f64::from(value)).collect();
+        Ok::<_, Infallible>(())
+    });
+    match played {
+        Ok(_) => frames.push(Frame { state: last, action: None, q_values: Vec::new() }),
+        Err(never) => match never {},
+    }
+    frames
+}
+
+/// A network's Q-values of some observations: (observation, action).
+pub fn q_values(network: &Mlp<f32>, observations: &[impl AsRef<[f32]>]) -> Vec<Vec<f64>> {
+    let actions = network.sizes().last().copied().unwrap_or_default();
+    let mut policy = Greedy::new(network.clone(), observations.len());
+    policy.see(observations.iter().map(AsRef::as_ref));
+    let of = |sample| (0..actions).map(|action| policy.q_value(sample, action)).collect();
+    (0..observations.len()).map(of).collect()
 }
 
 /// What a set of returns amounts to.

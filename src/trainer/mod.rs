@@ -16,7 +16,7 @@ use crate::env::Environment;
 use crate::nn::Mlp;
 use crate::rng::{Rng, Stream};
 
-pub use evaluate::{Played, Score, TraceStep, evaluate, evaluate_discounted, play};
+pub use evaluate::{Frame, Played, Score, TraceStep, evaluate, evaluate_discounted, play, q_values, record};
 pub use event::{EndReason, Event, EventSink};
 pub use state::{Evaluation, Header, Progress, State, Summary};
 

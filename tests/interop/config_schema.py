@@ -91,7 +91,7 @@ def binds_several_keys(message):
     return any(
         words in message
         for words in (
-            "at most `replay.capacity`", "at most `exploration.initial`", "or nothing is learned", '"target" only if',
+            "GiB of memory", "at most `replay.capacity`", "at most `exploration.initial`", "or nothing is learned", '"target" only if',
         )
     )
 

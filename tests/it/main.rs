@@ -12,6 +12,7 @@ mod golden_update;
 mod kernels;
 mod replay;
 mod report;
+mod report_html;
 #[cfg(unix)]
 mod resume;
 #[cfg(unix)]

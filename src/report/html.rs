@@ -1,0 +1,286 @@
+//! A report as one HTML file that needs nothing else: no network, no other file.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::events::METRICS;
+use super::panels::{figure, learning};
+use super::portrait::Portrait;
+use super::run::{CONFIG, Run};
+use super::study::{self, Study};
+use super::svg::{DARK, escaped};
+use super::{ReportError, parse, plots};
+use crate::config::{Config, Setting};
+use crate::study::MANIFEST;
+
+const PAGE: &str = include_str!("html/page.html");
+const STYLE: &str = include_str!("html/page.css");
+const SCRIPT: &str = include_str!("html/page.js");
+const POLICY: &str = include_str!("html/policy.html");
+
+/// The page of a study's folder, or of one or several runs' folders.
+///
+/// # Errors
+/// When a folder is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
+pub fn page(folders: &[PathBuf]) -> Result<String, ReportError> {
+    let study = folders.iter().find(|folder| folder.join(MANIFEST).is_file());
+    match (study, folders) {
+        (Some(study), [_]) => study_page(study),
+        (Some(study), _) => Err(ReportError::new(study, "is a study; a page shows one study, or runs")),
+        (None, _) => runs_page(folders),
+    }
+}
+
+fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
+    if let Some(folder) = folders.iter().find(|folder| !folder.join(METRICS).is_file()) {
+        return Err(ReportError::neither(folder));
+    }
+    let runs = folders.iter().map(|folder| Run::read(folder)).collect::<Result<Vec<_>, _>>()?;
+    let mut portraits = Vec::new();
+    for (folder, run) in folders.iter().zip(&runs) {
+        let scale = run.config["reward_scale"].as_f64().filter(|&scale| scale > 0.0).unwrap_or(1.0);
+        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder, scale)?}));
+    }
+    let title = match &runs[..] {
+        [run] => format!("Run {}", run.name),
+        runs => format!("{} runs", runs.len()),
+    };
+    let mut sections = results(&runs);
+    let faint =
+        if runs.len() > 1 { " Faint: the mean return of the last 100 training episodes." } else { "" };
+    let note = format!("All panels are over the environment steps of training.{faint}");
+    sections += &section("Learning", &format!("<p class=\"note\">{note}</p>\n{}", learning(&runs)));
+    sections += if portraits.iter().any(|run| !run["portrait"].is_null()) {
+        POLICY
+    } else {
+        "<section><h2>The policy</h2><p>There is no checkpoint in the folder, so there is nothing to play.</p></section>\n"
+    };
+    let configs: Vec<(&str, &Value)> = runs.iter().map(|run| (run.name.as_str(), &run.config)).collect();
+    sections += &section("Config", &config_tables(&configs));
+    let mut how = String::from(
+        "<p>The same config gives the same weights, bit for bit. Save the run's config as <code>config.json</code>:</p>\n\
+         <pre>cartpole-dqn train --config config.json --out again</pre>\n",
+    );
+    for (folder, (name, config)) in folders.iter().zip(&configs) {
+        let hash = parse::<Value>(&folder.join("summary.json")).ok();
+        if let Some(hash) = hash.as_ref().and_then(|summary| summary["weights_sha256"].as_str()) {
+            let _ = writeln!(
+                how,
+                "<p>{} ended with weights sha256 <code>{}</code>.</p>",
+                escaped(name),
+                escaped(hash)
+            );
+        }
+        how += &config_file(&format!("{CONFIG} of {name}"), config);
+    }
+    sections += &section("How to reproduce it", &how);
+    let subtitle = if runs.iter().all(|run| run.report.ended) { "" } else { "Not every run has ended." };
+    Ok(assembled(&title, subtitle, &sections, &json!({"runs": portraits})))
+}
+
+fn study_page(folder: &Path) -> Result<String, ReportError> {
+    let Study { configs, report, .. } = Study::read(folder)?;
+    let mut result = String::new();
+    for warning in &report.warnings {
+        let _ = writeln!(result, "<p>Note: {}</p>", escaped(warning));
+    }
+    for rows in study::tables(&report) {
+        result += &table(&rows);
+    }
+    result += &list(&study::comparisons(&report));
+    let _ = writeln!(result, "<p class=\"note\">{}</p>", escaped(&study::footnote()));
+    let mut sections = section("Result", &result);
+    let drawn = plots::STUDY.iter().map(|(_, draw)| figure(|shape| draw(&report.configs, shape)));
+    sections += &section("Plots", &drawn.collect::<String>());
+    let configs: Vec<(&str, &Value)> =
+        configs.iter().map(|named| (named.name.as_str(), &named.config)).collect();
+    sections += &section("Configs", &config_tables(&configs));
+    let (start, end) = (report.seeds.start, report.seeds.end);
+    let files: String = (0..configs.len()).map(|i| format!(" --config {i}.json")).collect();
+    let mut how = format!(
+        "<p>The same configs and seeds give the same trials, bit for bit. Save the configs, in their order, as \
+         <code>0.json</code>, <code>1.json</code>, …:</p>\n\
+         <pre>cartpole-dqn study{files} --seeds {start}..{end} --out again\ncartpole-dqn report again</pre>\n"
+    );
+    for (i, (name, config)) in configs.iter().enumerate() {
+        how += &config_file(&format!("{i}.json: {name}"), config);
+    }
+    sections += &section("How to reproduce it", &how);
+    let name = folder.canonicalize().ok();
+    let name = name.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+    let title = format!("Study {}", name.unwrap_or_default());
+    let subtitle = format!("{} configs, seeds {start} to {}", configs.len(), end.saturating_sub(1));
+    Ok(assembled(&title, &subtitle, &sections, &json!({"runs": []})))
+}
+
+/// What became of the runs: cards of one, a table of several, and what is said of each.
+fn results(runs: &[Run]) -> String {
+    let solved =
+        |run: &Run| run.report.solved_at_step.map_or_else(|| "never".into(), |step| step.to_string());
+    if let [run] = runs {
+        let card = |what: &str, value: String| format!("<div>{what}<b>{value}</b></div>\n");
+        let cards = [
+            card("solved at step", solved(run)),
+            card("best evaluation", format!("{:.1}", run.report.best.mean)),
+            card("final evaluation", format!("{:.1}", run.report.final_.mean)),
+            card("seed", run.report.seed.to_string()),
+        ];
+        return section(
+            "Result",
+            &format!("<div class=\"cards\">{}</div>\n{}", cards.concat(), list(&run.report.statements)),
+        );
+    }
+    let head = ["run", "seed", "solved at step", "best evaluation", "final evaluation"];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    let mut said = String::new();
+    for run in runs {
+        let report = &run.report;
+        let means = [report.best, report.final_].map(|evaluation| format!("{:.1}", evaluation.mean));
+        let [best, last] = means;
+        rows.push(vec![run.name.clone(), report.seed.to_string(), solved(run), best, last]);
+        let _ = writeln!(
+            said,
+            "<details>\n<summary>What happened in {}</summary>\n{}</details>",
+            escaped(&run.name),
+            list(&report.statements)
+        );
+    }
+    section("Result", &(table(&rows) + &said))
+}
+
+fn section(title: &str, content: &str) -> String {
+    format!("<section>\n<h2>{title}</h2>\n{content}</section>\n")
+}
+
+fn list(lines: &[String]) -> String {
+    let items: String = lines.iter().map(|line| format!("<li>{}</li>\n", escaped(line.trim()))).collect();
+    if items.is_empty() { items } else { format!("<ul>\n{items}</ul>\n") }
+}
+
+/// Rows of numbers below a heading, with a name at the front.
+fn table(rows: &[Vec<String>]) -> String {
+    let mut html = String::from("<div class=\"scroll\"><table>\n");
+    for (i, row) in rows.iter().enumerate() {
+        let tag = if i == 0 { "th" } else { "td" };
+        html += "<tr>";
+        for (j, cell) in row.iter().enumerate() {
+            let class = if j == 0 { "" } else { " class=\"number\"" };
+            let _ = write!(html, "<{tag}{class}>{}</{tag}>", escaped(cell));
+        }
+        html += "</tr>\n";
+    }
+    html + "</table></div>\n"
+}
+
+/// Path, value, default and meaning of every key; of a config that this version does not know only the first two.
+fn settings(config: &Value) -> Vec<[String; 4]> {
+    fn flatten(path: &str, value: &Value, rows: &mut Vec<[String; 4]>) {
+        match value.as_object() {
+            Some(members) => members.iter().for_each(|(key, member)| {
+                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+                flatten(&path, member, rows);
+            }),
+            None => rows.push([path.into(), value.to_string(), String::new(), String::new()]),
+        }
+    }
+    if let Ok(config) = serde_json::from_value::<Config>(config.clone()) {
+        let row = |Setting { path, value, default, meaning, .. }: Setting| {
+            [path.into(), value.to_string(), default.to_string(), meaning.replace('`', "")]
+        };
+        return config.settings().into_iter().map(row).collect();
+    }
+    let mut rows = Vec::new();
+    flatten("", config, &mut rows);
+    rows
+}
+
+/// The first config, and in what the others differ.
+fn config_tables(configs: &[(&str, &Value)]) -> String {
+    let all: Vec<Vec<[String; 4]>> = configs.iter().map(|(_, config)| settings(config)).collect();
+    let Some((first, others)) = all.split_first() else { return String::new() };
+    let mut html = String::new();
+    if !others.is_empty() {
+        let mut keys: Vec<&str> = all.iter().flatten().map(|[key, ..]| key.as_str()).collect();
+        let mut seen = std::collections::BTreeSet::new();
+        keys.retain(|key| seen.insert(*key));
+        let heading = std::iter::once("").chain(configs.iter().map(|(name, _)| *name));
+        let mut rows = vec![heading.map(String::from).collect::<Vec<_>>()];
+        for key in keys {
+            let value = |rows: &Vec<[String; 4]>| {
+                rows.iter()
+                    .find(|[own, ..]| own == key)
+                    .map_or_else(|| "–".into(), |[_, value, ..]| value.clone())
+            };
+            let values: Vec<String> = all.iter().map(value).collect();
+            if values.iter().any(|value| *value != values[0]) {
+                rows.push([vec![key.to_owned()], values].concat());
+            }
+        }
+        html += if rows.len() > 1 { "<p>Where they differ:</p>\n" } else { "<p>All are the same.</p>\n" };
+        if rows.len() > 1 {
+            html += &table(&rows);
+        }
+        let _ = write!(html, "<details>\n<summary>Every key of {}</summary>\n", escaped(configs[0].0));
+    }
+    html += "<p class=\"note\">Bold: what is not the default.</p>\n<div class=\"scroll\"><table class=\"keys\">\n\
+             <tr><th>key</th><th>value</th><th>default</th><th>meaning</th></tr>\n";
+    for [key, value, default, meaning] in first {
+        let class = if value == default { "" } else { " class=\"set\"" };
+        let cells: String =
+            [value, default, meaning].map(|cell| format!("<td>{}</td>", escaped(cell))).concat();
+        let _ = writeln!(html, "<tr{class}><td><code>{}</code></td>{cells}</tr>", escaped(key));
+    }
+    html += "</table></div>\n";
+    if !others.is_empty() {
+        html += "</details>\n";
+    }
+    html
+}
+
+/// A config as a file to be saved.
+fn config_file(title: &str, config: &Value) -> String {
+    let text = serde_json::to_string_pretty(config).unwrap_or_default();
+    format!(
+        "<details>\n<summary>{}</summary>\n<pre>{}</pre>\n</details>\n",
+        escaped(title),
+        text.lines().map(escaped).collect::<Vec<_>>().join("\n")
+    )
+}
+
+fn assembled(title: &str, subtitle: &str, sections: &str, data: &Value) -> String {
+    let dark: String = DARK
+        .iter()
+        .map(|(light, dark)| {
+            format!("  figure [stroke=\"{light}\"] {{ stroke: {dark}; }} figure [fill=\"{light}\"] {{ fill: {dark}; }}\n")
+        })
+        .collect();
+    let style = filled(STYLE, &[("dark", dark.trim_end())]);
+    // In a script element only `<` can end it or begin a comment; JSON has it in strings alone.
+    let data = data.to_string().replace('<', "\\u003c");
+    filled(
+        PAGE,
+        &[
+            ("title", &escaped(title)),
+            ("subtitle", &escaped(subtitle)),
+            ("style", &style),
+            ("sections", sections),
+            ("version", env!("CARGO_PKG_VERSION")),
+            ("data", &data),
+            ("script", SCRIPT),
+        ],
+    )
+}
+
+/// A template with its `{{name}}`s replaced, in one pass: what is put in is not looked at again.
+fn filled(template: &str, values: &[(&str, &str)]) -> String {
+    let mut pieces = template.split("{{");
+    let mut text = pieces.next().unwrap_or_default().to_owned();
+    for piece in pieces {
+        let (name, rest) = piece.split_once("}}").unwrap_or((piece, ""));
+        text += values.iter().find(|(known, _)| *known == name).map_or("", |(_, value)| value);
+        text += rest;
+    }
+    text
+}

@@ -1,0 +1,147 @@
+//! The plots of runs in a page: one panel for each quantity, all over the same steps.
+
+use super::events::History;
+use super::plots::returns;
+use super::run::Run;
+use super::svg::{Plot, Shape};
+
+/// (Environment steps, value).
+type Points = Vec<(f64, f64)>;
+
+/// Most points of a line are twice as many.
+const COLUMNS: usize = 600;
+
+/// What each statistic is called in a page, the most telling first; the rest comes after [`FOLDED_FROM`].
+const STATISTICS: [(&str, &str); 7] = [
+    ("max_q", "Q-value: the return that the network expects in ordinary states"),
+    ("overestimation", "Overestimation: expected less obtained return"),
+    ("action_gap", "Action gap: Q-value of the best action less that of the other"),
+    ("doomed_max_q", "Q-value one step before the end (the true value is about 1)"),
+    ("gradient_norm", "Norm of the gradient"),
+    ("terminal_share", "Share of terminations in the replay memory"),
+    ("dead_relu_share", "Share of hidden units that are always 0"),
+];
+const FOLDED_FROM: usize = 4;
+
+/// A plot in its two sizes, of which the style sheet shows one.
+pub(super) fn figure(draw: impl Fn(Shape) -> Plot) -> String {
+    let wide = draw(Shape::WIDE);
+    format!(
+        "<figure class=\"plot\">\n<figcaption>{}</figcaption>\n<div class=\"wide\">{}</div>\n<div class=\"narrow\">{}</div>\n</figure>\n",
+        wide.caption(),
+        wide.finish(),
+        draw(Shape::NARROW).finish()
+    )
+}
+
+/// All panels.
+pub(super) fn learning(runs: &[Run]) -> String {
+    let ends = runs.iter().flat_map(|run| &run.history.evaluations).map(|evaluation| evaluation.env_steps);
+    let end = ends.max().unwrap_or_default() as f64;
+    let statistic = |name: &str, title: &str| {
+        let of = |history: &History| {
+            let samples = history.statistics.get(name).into_iter().flatten();
+            samples.map(|&(step, value)| (step as f64, value)).collect()
+        };
+        panel(runs, end, title, name == "gradient_norm", of)
+    };
+    let mut shown = figure(|shape| learning_curve(shape, runs, end));
+    shown += &panel(runs, end, "Exploration: ε after an episode", false, |history| history.epsilon.clone());
+    shown += &panel(runs, end, "Loss: mean over an episode", true, |history| history.loss.clone());
+    let mut folded = String::new();
+    for (i, (name, title)) in STATISTICS.into_iter().enumerate() {
+        *if i < FOLDED_FROM { &mut shown } else { &mut folded } += &statistic(name, title);
+    }
+    if !folded.is_empty() {
+        shown += &format!(
+            "<details>\n<summary>More of what learning looks like from inside</summary>\n{folded}</details>\n"
+        );
+    }
+    shown
+}
+
+/// Of one run with the range of its evaluations; of several one colour for each.
+fn learning_curve(shape: Shape, runs: &[Run], end: f64) -> Plot {
+    let mut plot = returns(shape, "Learning curve", end);
+    for (series, Run { name, history, .. }) in runs.iter().enumerate() {
+        let evaluations: Points = history.evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
+        if let [_] = runs {
+            plot.band(0, &history.extremes);
+            plot.faint_line(1, &thinned(&history.training));
+            plot.legend(0, "evaluations, with their smallest and largest return");
+            plot.legend(1, "last 100 training episodes");
+        } else {
+            plot.faint_line(series, &thinned(&history.training));
+            plot.legend(series, name);
+        }
+        plot.line(series, &evaluations);
+    }
+    plot
+}
+
+/// One quantity of all runs; empty if none has it. On a logarithmic axis only what is above 0 is drawn.
+fn panel(
+    runs: &[Run],
+    end: f64,
+    title: &str,
+    is_logarithmic: bool,
+    of: impl Fn(&History) -> Points,
+) -> String {
+    let mut lines: Vec<Points> = runs.iter().map(|run| thinned(&of(&run.history))).collect();
+    if is_logarithmic {
+        for line in &mut lines {
+            line.retain(|&(_, value)| value > 0.0);
+            line.iter_mut().for_each(|(_, value)| *value = libm::log10(*value));
+        }
+    }
+    let values = || lines.iter().flatten().map(|&(_, value)| value);
+    if values().next().is_none() {
+        return String::new();
+    }
+    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+    let range = if is_logarithmic {
+        (low.floor(), high.ceil())
+    } else {
+        let air = 0.05 * (high - low.min(0.0));
+        (if low < 0.0 { low - air } else { 0.0 }, high + air)
+    };
+    figure(|shape| {
+        let mut plot = Plot::new(shape.low(), title, ["", ""], (0.0, end), range);
+        plot = if is_logarithmic { plot.logarithmic() } else { plot };
+        lines.iter().enumerate().for_each(|(series, line)| plot.line(series, line));
+        plot
+    })
+}
+
+/// At most the smallest and the largest value of each of many columns, so that no outlier is lost.
+fn thinned(points: &[(f64, f64)]) -> Points {
+    if points.len() <= 2 * COLUMNS {
+        return points.to_vec();
+    }
+    let column = |points: &[(f64, f64)]| {
+        let places = || 0..points.len();
+        let smallest = places().min_by(|&a, &b| points[a].1.total_cmp(&points[b].1));
+        let largest = places().max_by(|&a, &b| points[a].1.total_cmp(&points[b].1));
+        let mut kept: Vec<usize> = smallest.into_iter().chain(largest).collect();
+        kept.sort_unstable();
+        kept.dedup();
+        kept.into_iter().map(|i| points[i]).collect::<Points>()
+    };
+    points.chunks(points.len().div_ceil(COLUMNS)).flat_map(column).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thinning_keeps_outliers_and_the_order() {
+        let mut points: Points = (0..100_000).map(|i| (f64::from(i), 1.0)).collect();
+        points[77_777].1 = 9.0;
+        points[3].1 = -9.0;
+        let kept = thinned(&points);
+        assert!(kept.len() <= 2 * COLUMNS && kept.contains(&points[77_777]) && kept.contains(&points[3]));
+        assert!(kept.is_sorted_by(|a, b| a.0 < b.0));
+        assert_eq!(thinned(&points[..1200]), points[..1200]);
+    }
+}

@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+"""Runs the Python snippets of docs/interop.md as they stand and checks what they bring.
+
+    python snippets.py --binary target/release/cartpole-dqn          # those that need NumPy and Gymnasium alone
+    python snippets.py --binary target/release/cartpole-dqn --all    # PyTorch and Stable-Baselines3 too
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "interop.md"
+OBSERVATION = np.array([0.0, 0.0, 0.01, 0.0], dtype=np.float32)
+
+
+def require(condition, message):
+    if not condition:
+        sys.exit(f"FAILED: {message}")
+
+
+def snippets():
+    """Name -> code, in the order of the document."""
+    text = DOCUMENT.read_text()
+    found = dict(re.findall(r"<!-- snippet: (\w+) -->\n```python\n(.*?)```\n", text, re.DOTALL))
+    require(len(found) == text.count("```python") == len(CHECKS), "a snippet has no name or no check")
+    return found
+
+
+class Folder:
+    """A folder with a default run in runs/mine."""
+
+    def __init__(self, binary, path):
+        self.binary, self.path = Path(binary).resolve(), Path(path)
+        self.program("train", "--quiet", "--out", "runs/mine")
+
+    def program(self, *arguments):
+        return subprocess.run([self.binary, *arguments], cwd=self.path, check=True, capture_output=True, text=True).stdout
+
+    def mean(self, checkpoint, episodes):
+        return json.loads(self.program("eval", "--json", "--checkpoint", checkpoint, "--episodes", episodes))["mean"]
+
+    def q_values(self):
+        """Of OBSERVATION, by NumPy."""
+        from safetensors.numpy import load_file
+
+        tensors, x = load_file(self.path / "runs/mine/checkpoints/best.safetensors"), OBSERVATION
+        for i in (0, 2, 4):
+            x = tensors[f"{i}.weight"] @ x + tensors[f"{i}.bias"]
+            x = np.maximum(x, 0) if i < 4 else x
+        return x
+
+
+def prints_the_mean(episodes):
+    def check(folder, printed):
+        mean = folder.mean("runs/mine", episodes)
+        require(abs(float(printed) - mean) < 5, f"mean return {printed}, eval's is {mean}")
+        return f"mean return {float(printed)}, eval's is {mean}"
+
+    return check
+
+
+def prints_the_q_values(folder, printed):
+    values = np.array([float(number) for number in re.findall(r"-?\d+\.\d+(?:e-?\d+)?", printed)])
+    ours = folder.q_values()
+    require(np.allclose(values, ours, rtol=1e-3, atol=1e-3), f"Q-values {values}, not {ours}")
+    return f"Q-values {values}"
+
+
+def leaves_a_policy(least_mean):
+    def check(folder, _):
+        mean = folder.mean("policy.safetensors", "100")
+        require(mean >= least_mean, f"eval's mean return of the policy is {mean}, expected at least {least_mean}")
+        return f"eval's mean return {mean}"
+
+    return check
+
+
+# Name -> whether it needs PyTorch, and what must have come of it.
+CHECKS = {
+    "numpy": (False, prints_the_mean("10")),
+    "torch": (True, prints_the_q_values),
+    "sb3": (True, prints_the_mean("100")),
+    "cleanrl": (True, prints_the_q_values),
+    # Enough to tell a policy that has learned from one of swapped or shuffled weights, which falls before step 30.
+    "from_sb3": (True, leaves_a_policy(100)),
+    "from_numpy": (False, leaves_a_policy(100)),
+}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--binary", required=True, help="the cartpole-dqn to run")
+    parser.add_argument("--all", action="store_true", help="also what needs PyTorch")
+    arguments = parser.parse_args()
+    codes = snippets()
+    with tempfile.TemporaryDirectory() as path:
+        folder = Folder(arguments.binary, path)
+        for name, code in codes.items():
+            needs_torch, check = CHECKS[name]
+            if needs_torch and not arguments.all:
+                print(f"{name}: NOT RUN, it needs PyTorch; --all runs it")
+                continue
+            result = subprocess.run([sys.executable, "-c", code], cwd=path, capture_output=True, text=True)
+            require(result.returncode == 0, f"{name}: {result.stderr}")
+            print(f"{name}: {check(folder, result.stdout)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+//! `report --html` as a file; tests/browser/report.cjs looks at the pages in Chromium.
+
+use std::fs;
+
+use serde_json::{Value, json};
+
+use crate::cli::{Sandbox, TINY, refusals, sets};
+
+const HOSTILE: &str = "</script><script>alert(1)</script>{{script}}<!--";
+
+/// What the page gives its script.
+fn data(page: &str) -> Value {
+    let (_, rest) = page.split_once(r#"id="data">"#).unwrap();
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+/// A page must need nothing else, and end each of its two scripts once.
+fn check(page: &str) {
+    assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>\n"));
+    let page = page.replace("http://www.w3.org/2000/svg", "").replace("href=\"data:,\"", "");
+    for outside in ["http:", "https:", "src=\"", "href=", "@import", "url(", "NaN", "{{title"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    assert_eq!((page.matches("<script").count(), page.matches("</script>").count()), (2, 2));
+}
+
+#[test]
+fn the_page_of_a_run_needs_nothing_else_and_leaves_the_run_as_it_is() {
+    let sandbox = Sandbox::with_run();
+    let before = sandbox.files();
+    for page in ["one.html", "two.html"] {
+        sandbox.run(&["report", "run", "--html", page]).success().stdout(format!("written: {page}\n"));
+    }
+    let page = sandbox.read("one.html");
+    check(&page);
+    assert!(page == sandbox.read("two.html"), "the same run gives the same page");
+    assert!(before.iter().all(|(path, content)| sandbox.files().get(path) == Some(content)));
+    let summary = sandbox.json("run/summary.json");
+    for shown in ["Learning curve", "id=\"cart\"", "id=\"map\"", summary["weights_sha256"].as_str().unwrap()]
+    {
+        assert!(page.contains(shown), "{shown}");
+    }
+}
+
+/// The episode is the one that `eval` plays, and the picture is of the network that chooses in it.
+#[test]
+fn the_policy_in_the_page_is_the_one_that_eval_plays() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "reward_scale=0.5"]).success();
+    sandbox.run(&["report", "run", "--html", "page.html"]).success();
+    sandbox.run(&["eval", "--checkpoint", "run", "--episodes", "1", "--trace", "trace"]).success();
+    let trace: Vec<Value> =
+        sandbox.read("trace").lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let page = data(&sandbox.read("page.html"));
+    let episode = &page["runs"][0]["portrait"]["episode"];
+    assert_eq!(episode["seed"], trace[0]["seed"]);
+    assert_eq!(episode["positions"].as_array().unwrap().len(), trace.len() + 1);
+    for (i, step) in trace.iter().enumerate() {
+        let close = |ours: &Value, theirs: &Value, scale: f64| {
+            let (ours, theirs) = (ours.as_f64().unwrap(), theirs.as_f64().unwrap() / scale);
+            assert!((ours - theirs).abs() < 1e-4, "step {i}: {ours}, {theirs}");
+        };
+        assert_eq!(episode["actions"][i], step["action"], "step {i}");
+        for (series, coordinate) in [("positions", 0), ("angles", 2), ("velocities", 3)] {
+            close(&episode[series][i], &step["state"][coordinate], 1.0);
+        }
+        for action in 0..2 {
+            close(&episode["q_values"][i][action], &step["q_values"][action], 0.5);
+        }
+    }
+    let portrait = &page["runs"][0]["portrait"];
+    let size = portrait["size"].as_u64().unwrap();
+    assert_eq!(portrait["preference"].as_array().unwrap().len() as u64, size * size);
+}
+
+#[test]
+fn several_runs_share_a_page_and_names_stay_text() {
+    let sandbox = Sandbox::new();
+    let hostile = HOSTILE.replace('/', "_");
+    for (name, seed) in [("one", "1"), (hostile.as_str(), "2")] {
+        sandbox.train(&["--out", name, "--seed", seed]).success();
+    }
+    let mut config = sandbox.json(&format!("{hostile}/config.json"));
+    config["loss"] = json!(HOSTILE);
+    sandbox.write(&format!("{hostile}/config.json"), config.to_string());
+    sandbox.run(&["report", "one", &hostile, "--html", "page.html"]).success();
+    let page = sandbox.read("page.html");
+    check(&page);
+    assert!(page.contains("&lt;/script&gt;&lt;script&gt;alert(1)") && page.contains("Where they differ"));
+    assert_eq!(data(&page)["runs"][1]["name"], hostile);
+}
+
+#[test]
+fn a_study_has_a_page_and_does_not_share_it() {
+    let sandbox = Sandbox::with_run();
+    let study = [
+        &["study", "--quiet", "--seeds", "0..3", "--vary", "double=false,true", "--out", "s"],
+        &sets(TINY)[..],
+    ]
+    .concat();
+    sandbox.run(&study).success();
+    sandbox.run(&["report", "s", "--html", "page.html"]).success();
+    let page = sandbox.read("page.html");
+    check(&page);
+    for shown in ["Performance profile", "fewer than 10", "--config 0.json --config 1.json --seeds 0..3"] {
+        assert!(page.contains(shown), "{shown}");
+    }
+    sandbox.refuses(&["report", "run", "s", "--html", "other.html"], &["s: is a study", "one study"]);
+}
+
+#[test]
+fn a_run_without_a_checkpoint_still_has_a_page() {
+    let sandbox = Sandbox::with_run();
+    fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
+    sandbox.run(&["report", "run", "--html", "page.html"]).success();
+    let page = sandbox.read("page.html");
+    assert!(page.contains("no checkpoint") && !page.contains("id=\"cart\""));
+    sandbox.write("run/checkpoints/best.safetensors", "damaged");
+    sandbox.refuses(&["report", "run", "--html", "other.html"], &["best.safetensors", "damaged"]);
+}
+
+#[test]
+fn a_page_replaces_a_page_and_nothing_else() {
+    let sandbox = Sandbox::with_run();
+    for _ in 0..2 {
+        sandbox.run(&["report", "run", "--html", "run/report.html"]).success();
+    }
+    sandbox.refuses(&["report", "run", "--html", "run/metrics.jsonl"], &["run/metrics.jsonl", "no page"]);
+    sandbox.refuses(&["report", "run", "--html", "run"], &["a folder"]);
+    // The page is part of the run: --force may replace both.
+    sandbox.train(&["--out", "run", "--force"]).success();
+    assert!(!sandbox.path("run/report.html").exists());
+}
+
+refusals! {
+    refuses_a_page_of_nothing: [], ["report", "--html", "page.html"] => ["DIR"];
+    refuses_a_page_of_something_else: [("r/notes.txt", b"mine")], ["report", "r", "--html", "page.html"] => ["r: is no study", "no run"];
+    refuses_several_folders_without_a_page: [], ["report", "a", "b"] => ["several folders need --html"];
+    refuses_a_page_and_a_folder: [], ["report", "a", "--html", "p", "--out", "o"] => ["--html", "--out"];
+}
