@@ -6,6 +6,7 @@
 mod common;
 
 use std::fmt;
+use std::sync::atomic::AtomicBool;
 
 use cartpole_dqn::agent::{Dqn, Greedy, Minibatch, Policy, Replay, Transition};
 use cartpole_dqn::config::Config;
@@ -296,7 +297,7 @@ fn train_smoke(bencher: Bencher) {
         Config::from_layers(Some(("smoke.json", include_str!("../configs/smoke.json"))), &[]).unwrap();
     let run = || {
         let mut trainer = Trainer::new(config.clone(), CartPole::v1());
-        let reason = trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+        let reason = trainer.run(&mut Vec::<Event>::new(), None, &AtomicBool::new(false)).unwrap();
         trainer.summary(reason, 0.0).weights_sha256
     };
     assert_eq!(run(), include_str!("../tests/data/smoke_weights.sha256").trim());

@@ -4,6 +4,7 @@ mod eval;
 mod inspect;
 mod report;
 mod run_dir;
+mod signals;
 mod study;
 mod train;
 
@@ -19,7 +20,7 @@ use crate::trainer::TrainError;
 
 /// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
 ///
-/// Exit codes: 0 done, 1 failed (or below --min-mean), 2 wrong usage or bad input.
+/// Exit codes: 0 done, 1 failed (or below --min-mean), 2 wrong usage or bad input, 130 or 143 stopped by a signal.
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100)]
 struct Arguments {
@@ -43,6 +44,8 @@ enum Failure {
     BadInput(String),
     /// It was tried and failed: exit code 1.
     Failed(String),
+    /// A signal stopped it: that signal's exit code.
+    Interrupted(String, u8),
 }
 
 impl From<ConfigError> for Failure {
@@ -75,13 +78,6 @@ impl From<TrainError> for Failure {
     }
 }
 
-impl Failure {
-    fn message(&self) -> &str {
-        let (Self::BadInput(message) | Self::Failed(message)) = self;
-        message
-    }
-}
-
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
     let command = Arguments::parse().command;
@@ -94,12 +90,14 @@ pub fn run() -> ExitCode {
         Command::Report(arguments) => report::run(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
+    let (message, exit_code) = match failure {
+        Failure::BadInput(message) => (format!("error: {message}"), 2),
+        Failure::Failed(message) => (format!("error: {message}"), 1),
+        Failure::Interrupted(message, exit_code) => (message, exit_code),
+    };
     // A closed stderr leaves nobody to tell.
-    let _ = writeln!(io::stderr(), "error: {}", failure.message());
-    match failure {
-        Failure::BadInput(_) => ExitCode::from(2),
-        Failure::Failed(_) => ExitCode::FAILURE,
-    }
+    let _ = writeln!(io::stderr(), "{message}");
+    ExitCode::from(exit_code)
 }
 
 /// Parses a seed.

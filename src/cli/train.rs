@@ -6,6 +6,7 @@ use std::time::Instant;
 use clap::Args;
 
 use super::run_dir::RunDir;
+use super::signals::Signals;
 use super::{Failure, print, print_json};
 use crate::config::{self, Config};
 use crate::env::CartPole;
@@ -53,6 +54,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let config = resolve(&arguments)?;
+    let signals = Signals::listen()
+        .map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments, &config));
     let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
@@ -61,12 +64,17 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     let start = Instant::now();
     let mut trainer = Trainer::new(config, CartPole::v1());
-    let reason = trainer.run(&mut sinks, Some(&run.checkpoints())).map_err(|error| {
+    let reason = trainer.run(&mut sinks, Some(&run.checkpoints()), &signals.stop).map_err(|error| {
         let kept = if run.last().is_file() { "the last good checkpoint is" } else { "what was written is" };
         Failure::Failed(format!("{error}; {kept} kept in {}", run.path().display()))
     })?;
-    let summary = trainer.summary(reason, start.elapsed().as_secs_f64());
     drop(sinks);
+    if reason == EndReason::Interrupted {
+        let (steps, path) = (trainer.progress().env_steps, run.last());
+        let message = format!("stopped after step {steps}; everything is in {}", path.display());
+        return Err(Failure::Interrupted(message, signals.exit_code()));
+    }
+    let summary = trainer.summary(reason, start.elapsed().as_secs_f64());
     // The summary is also printed when it cannot be saved.
     let saved = write_json(&run.summary(), &summary);
     match (arguments.json, arguments.quiet) {
@@ -107,6 +115,7 @@ fn describe(summary: &Summary, run: &RunDir) -> String {
     let ended = match summary.end_reason {
         EndReason::Budget => "budget used up",
         EndReason::Solved => "solved",
+        EndReason::Interrupted => "interrupted",
     };
     let solved = summary.solved_at_step.map_or_else(|| "not".into(), |step| format!("first at step {step}"));
     format!(

@@ -1,15 +1,15 @@
 //! `metrics.jsonl`: one event a line.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use crate::trainer::event::{Event, EventSink};
 
-/// Appends events to a file.
+/// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take.
 #[derive(Debug)]
 pub struct JsonLines {
-    file: BufWriter<File>,
+    file: File,
 }
 
 impl JsonLines {
@@ -18,17 +18,14 @@ impl JsonLines {
     /// # Errors
     /// When that fails.
     pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: BufWriter::new(File::create_new(path)?) })
+        Ok(Self { file: File::create_new(path)? })
     }
 }
 
 impl EventSink for JsonLines {
     fn emit(&mut self, event: &Event) -> io::Result<()> {
-        serde_json::to_writer(&mut self.file, event)?;
-        self.file.write_all(b"\n")?;
-        match event {
-            Event::Episode { .. } => Ok(()),
-            Event::Evaluation { .. } | Event::Statistics { .. } | Event::End { .. } => self.file.flush(),
-        }
+        let mut line = serde_json::to_vec(event)?;
+        line.push(b'\n');
+        self.file.write_all(&line)
     }
 }

@@ -1,6 +1,7 @@
 //! One trial: a config trained with a seed, and what became of it.
 
 use std::io;
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -72,7 +73,7 @@ impl Trial {
         config.seed = seed;
         let mut trainer = Trainer::new(config, CartPole::v1());
         let mut evaluations = Evaluations(Vec::new());
-        let ended = trainer.run(&mut evaluations, None);
+        let ended = trainer.run(&mut evaluations, None, &AtomicBool::new(false));
         let Evaluations(evaluations) = evaluations;
 
         let progress = trainer.progress();

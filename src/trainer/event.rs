@@ -81,6 +81,9 @@ pub enum EndReason {
     Budget,
     /// An evaluation solved the task, and `stop_when_solved` is set.
     Solved,
+    /// Somebody stopped the run, which can go on from its checkpoint: in no event and in no file.
+    #[serde(skip)]
+    Interrupted,
 }
 
 /// Takes the events of a run.

@@ -6,6 +6,7 @@ mod state;
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::{Deserialize, Serialize};
 
@@ -113,6 +114,9 @@ impl<E: Environment> Trainer<E> {
     /// Trains until the budget is used up, or the task is solved if that is to end the run. `checkpoints` is the
     /// folder for `last.safetensors` and `best.safetensors`; it exists.
     ///
+    /// Once `stop` is set, the run writes `last.safetensors` after the step that it is in and returns
+    /// [`EndReason::Interrupted`]: no evaluation, no event, so that the run that goes on from there is this one.
+    ///
     /// # Errors
     /// When the numbers leave the finite, or a checkpoint or an event cannot be written. The files written
     /// before stay.
@@ -120,10 +124,15 @@ impl<E: Environment> Trainer<E> {
         &mut self,
         sink: &mut dyn EventSink,
         checkpoints: Option<&Path>,
+        stop: &AtomicBool,
     ) -> Result<EndReason, TrainError> {
         let reason = loop {
             match self.end_reason() {
                 Some(reason) => break reason,
+                None if stop.load(Ordering::Relaxed) => {
+                    self.save_last(checkpoints)?;
+                    return Ok(EndReason::Interrupted);
+                }
                 None => self.step(sink, checkpoints)?,
             }
         };

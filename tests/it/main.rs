@@ -10,6 +10,8 @@ mod golden_update;
 mod kernels;
 mod replay;
 mod report;
+#[cfg(unix)]
+mod signals;
 mod simd;
 mod study;
 mod training;

@@ -1,12 +1,17 @@
 //! Whole runs: learning, the loop, the same bits.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use cartpole_dqn::agent::{Dqn, Greedy, Policy, Probes, Transition};
 use cartpole_dqn::checkpoint::{Checkpoint, weights_sha256};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{CartPole, Environment, Step, TimeLimit};
 use cartpole_dqn::rng::Rng;
-use cartpole_dqn::trainer::{EndReason, Event, Score, TrainError, Trainer, evaluate, play};
+use cartpole_dqn::trainer::{EndReason, Event, EventSink, Score, TrainError, Trainer, evaluate, play};
 use serde::{Deserialize, Serialize};
+
+/// A run that nobody stops.
+static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Two states; the action with the state's number is worth 1, the other nothing. Ten steps an episode.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -66,7 +71,7 @@ const SMALL: [&str; 6] = [
 fn learns_a_trivial_environment() {
     let mut events: Vec<Event> = Vec::new();
     let mut trainer = Trainer::new(config(&SMALL), TwoStates::default());
-    trainer.run(&mut events, None).unwrap();
+    trainer.run(&mut events, None, &NEVER).unwrap();
     let last = trainer.progress().last_evaluation.unwrap();
     assert_eq!(last.mean, 10.0, "{events:?}");
 }
@@ -91,7 +96,7 @@ fn every_kind_of_target_and_update_learns_it_too() {
         // The observations of this environment have another size than the config's.
         config.observation_scale = Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
         let mut trainer = Trainer::new(config, TwoStates::default());
-        trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+        trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
         assert_eq!(trainer.progress().best_evaluation.unwrap().mean, 10.0, "{extra:?}");
     }
 }
@@ -100,7 +105,7 @@ fn every_kind_of_target_and_update_learns_it_too() {
 fn stops_when_solved_if_asked_to() {
     let mut trainer =
         Trainer::new(config(&[&SMALL[..], &["stop_when_solved=true"]].concat()), TwoStates::default());
-    assert_eq!(trainer.run(&mut Vec::<Event>::new(), None).unwrap(), EndReason::Solved);
+    assert_eq!(trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap(), EndReason::Solved);
     assert_eq!(trainer.progress().solved_at_step, Some(trainer.progress().env_steps));
 }
 
@@ -109,7 +114,7 @@ fn a_budget_of_episodes_counts_episodes() {
     let config = config(&["budget.episodes=7", "network.hidden=[8]"]);
     let mut events: Vec<Event> = Vec::new();
     let mut trainer = Trainer::new(config, CartPole::v1());
-    trainer.run(&mut events, None).unwrap();
+    trainer.run(&mut events, None, &NEVER).unwrap();
     let lengths: Vec<u64> = events
         .iter()
         .filter_map(|event| if let Event::Episode { length, .. } = event { Some(*length) } else { None })
@@ -125,7 +130,7 @@ fn a_run_that_diverges_names_the_step() {
     let mut config = config(&[&sets[..], &extra].concat());
     config.optimizer.learning_rate = 1e30;
     let mut trainer = Trainer::new(config, CartPole::v1());
-    let error = trainer.run(&mut Vec::<Event>::new(), None).unwrap_err();
+    let error = trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap_err();
     let TrainError::Diverged { env_steps, .. } = error else { panic!("{error}") };
     assert_eq!(env_steps, trainer.progress().env_steps);
     assert!(error.to_string().contains(&format!("environment step {env_steps}")), "{error}");
@@ -262,7 +267,7 @@ fn the_policy_is_made_of_the_chosen_weights() {
     let sets =
         [soft, "policy_weights=target", "budget.steps=300", "replay.warmup_steps=100", "network.hidden=[8]"];
     let mut trainer = Trainer::new(config(&sets), CartPole::v1());
-    trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+    trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
     let checkpoint = trainer.checkpoint().unwrap();
     assert_eq!(checkpoint.policy(4, 2).unwrap(), trainer.agent().target);
     assert_eq!(trainer.policy_checkpoint().unwrap().policy(4, 2).unwrap(), trainer.agent().target);
@@ -315,7 +320,7 @@ fn smoke(seed: u64) -> Trainer<TimeLimit<CartPole>> {
 #[test]
 fn smoke_run_gives_the_committed_weights() {
     let mut trainer = smoke(1);
-    trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+    trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
     assert_eq!(weights_sha256(&trainer.agent().online), include_str!("../data/smoke_weights.sha256").trim());
 }
 
@@ -324,7 +329,7 @@ fn a_seed_is_a_run_and_another_seed_another() {
     let run = |seed| {
         let mut events: Vec<Event> = Vec::new();
         let mut trainer = smoke(seed);
-        trainer.run(&mut events, None).unwrap();
+        trainer.run(&mut events, None, &NEVER).unwrap();
         (events, trainer.checkpoint().unwrap().to_bytes().unwrap())
     };
     assert!(run(5) == run(5));
@@ -351,7 +356,7 @@ fn a_run_resumed_in_mid_episode_goes_on_with_the_same_bits() {
             config(&[&sets, &["evaluation.every_steps=350", "evaluation.episodes=2"][..], extra].concat());
         let mut whole = Trainer::new(config.clone(), CartPole::v1());
         let mut events: Vec<Event> = Vec::new();
-        whole.run(&mut events, None).unwrap();
+        whole.run(&mut events, None, &NEVER).unwrap();
 
         let mut first = Trainer::new(config, CartPole::v1());
         let mut parts: Vec<Event> = Vec::new();
@@ -362,10 +367,42 @@ fn a_run_resumed_in_mid_episode_goes_on_with_the_same_bits() {
         drop(first);
         let mut second = Trainer::resume(&Checkpoint::from_bytes(&bytes).unwrap(), CartPole::v1()).unwrap();
         assert_eq!(second.checkpoint().unwrap().to_bytes().unwrap(), bytes);
-        second.run(&mut parts, None).unwrap();
+        second.run(&mut parts, None, &NEVER).unwrap();
         assert_eq!(parts, events, "{extra:?}");
         let bytes = |trainer: &Trainer<_>| trainer.checkpoint().unwrap().to_bytes().unwrap();
         assert!(bytes(&second) == bytes(&whole), "{extra:?}");
+    }
+}
+
+/// Sets the flag with the event of the given number.
+struct StopsAt<'a>(&'a AtomicBool, usize, Vec<Event>);
+
+impl EventSink for StopsAt<'_> {
+    fn emit(&mut self, event: &Event) -> std::io::Result<()> {
+        let Self(stop, number, events) = self;
+        events.push(event.clone());
+        stop.fetch_or(events.len() == *number, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_stopped_run_leaves_a_checkpoint_of_that_step_and_goes_on_from_there() {
+    let mut events: Vec<Event> = Vec::new();
+    smoke(1).run(&mut events, None, &NEVER).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for number in [1, 30, events.len() - 10] {
+        let stop = AtomicBool::new(false);
+        let mut sink = StopsAt(&stop, number, Vec::new());
+        let mut trainer = smoke(1);
+        assert_eq!(trainer.run(&mut sink, Some(folder.path()), &stop).unwrap(), EndReason::Interrupted);
+        let StopsAt(.., mut parts) = sink;
+        assert!(parts.len() < events.len());
+        let checkpoint = Checkpoint::read(&folder.path().join("last.safetensors")).unwrap();
+        let mut resumed = Trainer::resume(&checkpoint, CartPole::v1()).unwrap();
+        assert_eq!(resumed.progress(), trainer.progress());
+        resumed.run(&mut parts, None, &NEVER).unwrap();
+        assert_eq!(parts, events);
     }
 }
 
@@ -378,7 +415,7 @@ fn an_evaluation_is_repeatable_and_leaves_the_training_alone() {
     let run = |every: &str| {
         let sets = ["network.hidden=[8]", "budget.steps=1300", "evaluation.episodes=3", every];
         let mut trainer = Trainer::new(config(&sets), CartPole::v1());
-        trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+        trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
         weights_sha256(&trainer.agent().online)
     };
     assert_eq!(run("evaluation.every_steps=1000"), run("evaluation.every_steps=100"));
@@ -387,7 +424,7 @@ fn an_evaluation_is_repeatable_and_leaves_the_training_alone() {
 #[test]
 fn episodes_in_lockstep_are_the_episodes_one_by_one() {
     let mut trainer = smoke(2);
-    trainer.run(&mut Vec::<Event>::new(), None).unwrap();
+    trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
     let network = &trainer.agent().online;
     let mut policy = Greedy::new(network.clone(), 1);
     let one_by_one: Vec<f64> = (0..150)
@@ -436,7 +473,7 @@ fn statistics_of_a_network_of_zeros_are_known() {
 #[test]
 fn statistics_come_with_every_evaluation() {
     let mut events: Vec<Event> = Vec::new();
-    smoke(4).run(&mut events, None).unwrap();
+    smoke(4).run(&mut events, None, &NEVER).unwrap();
     let evaluations = events.iter().filter(|event| matches!(event, Event::Evaluation { .. })).count();
     let statistics: Vec<_> = events
         .iter()

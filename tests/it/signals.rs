@@ -1,0 +1,91 @@
+//! Ctrl-C and its kin.
+
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use crate::cli::{Sandbox, TINY, sets};
+
+/// `train` in the background, its first episode over.
+fn start(sandbox: &Sandbox, arguments: &[&str]) -> Child {
+    let child = Command::new(assert_cmd::cargo::cargo_bin!("cartpole-dqn"))
+        .current_dir(sandbox.path("."))
+        .args([&["train", "--out", "run"], &sets(TINY)[..], arguments].concat())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    wait_until(|| sandbox.path("run/metrics.jsonl").metadata().is_ok_and(|file| file.len() > 0));
+    child
+}
+
+fn wait_until(holds: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        sleep(Duration::from_millis(5));
+    }
+}
+
+fn kill(child: &Child, signal: &str) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// What the process leaves, and how long it took.
+fn end(child: Child) -> (Output, Duration) {
+    let start = Instant::now();
+    (child.wait_with_output().unwrap(), start.elapsed())
+}
+
+#[test]
+fn a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code() {
+    for (signal, exit_code) in [("-INT", 130), ("-TERM", 143), ("-HUP", 143)] {
+        let sandbox = Sandbox::new();
+        let child = start(&sandbox, &["--set", "budget.steps=1000000000"]);
+        kill(&child, signal);
+        let (output, duration) = end(child);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(exit_code), "{message}");
+        assert!(duration < Duration::from_secs(1), "{duration:?}");
+        assert!(output.stdout.is_empty());
+        assert!(message.contains("stopped after step ") && !message.contains("error"), "{message}");
+        assert!(!sandbox.path("run/summary.json").exists());
+        assert!(!sandbox.read("run/metrics.jsonl").contains("\"end\""));
+        sandbox.run(&["inspect", "--checkpoint", "run/checkpoints/last.safetensors"]).success();
+    }
+}
+
+/// The step in question takes hours.
+#[test]
+fn a_second_signal_ends_a_run_at_once() {
+    let sandbox = Sandbox::new();
+    let child = start(&sandbox, &["--set", "learn.updates=4294967295"]);
+    kill(&child, "-INT");
+    sleep(Duration::from_millis(300));
+    kill(&child, "-TERM");
+    let (output, duration) = end(child);
+    assert_eq!(output.status.code(), Some(143));
+    assert!(duration < Duration::from_secs(1), "{duration:?}");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_run_under_nohup_outlives_its_terminal() {
+    let sandbox = Sandbox::new();
+    let program = assert_cmd::cargo::cargo_bin!("cartpole-dqn");
+    let mut child = Command::new("nohup")
+        .current_dir(sandbox.path("."))
+        .arg(program)
+        .args([&["train", "--out", "run"], &sets(TINY)[..], &["--set", "budget.steps=1000000000"]].concat())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    wait_until(|| sandbox.path("run/metrics.jsonl").metadata().is_ok_and(|file| file.len() > 0));
+    kill(&child, "-HUP");
+    sleep(Duration::from_millis(200));
+    assert_eq!(child.try_wait().unwrap(), None);
+    kill(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(143));
+}
