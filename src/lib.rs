@@ -11,6 +11,7 @@
 //! | [`checkpoint`] | `.safetensors` files |
 //! | [`sink`] | who takes the events: metrics file, progress bar |
 //! | [`study`] | many runs: every config with every seed |
+//! | [`render`] | an episode as a GIF or an SVG |
 //! | [`report`] | what a study or a run amounts to, from files alone |
 //!
 //! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
@@ -30,6 +31,7 @@ pub mod config;
 pub mod env;
 pub mod files;
 pub mod nn;
+pub mod render;
 pub mod report;
 pub mod rng;
 pub mod sink;

@@ -2,6 +2,7 @@
 
 mod eval;
 mod inspect;
+mod render;
 mod report;
 mod run_dir;
 mod signals;
@@ -33,6 +34,7 @@ enum Command {
     Train(train::Arguments),
     Eval(eval::Arguments),
     Inspect(inspect::Arguments),
+    Render(render::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
 }
@@ -86,6 +88,7 @@ pub fn run() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
     });

@@ -4,6 +4,7 @@
 mod arrows;
 mod cli;
 mod cli_eval;
+mod cli_show;
 mod config;
 mod golden_physics;
 mod golden_update;
