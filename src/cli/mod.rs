@@ -8,6 +8,7 @@ mod run_dir;
 mod signals;
 mod study;
 mod train;
+mod watch;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -18,6 +19,7 @@ use crate::checkpoint::{CheckpointError, Problem};
 use crate::config::ConfigError;
 use crate::nn::kernels;
 use crate::trainer::TrainError;
+use crate::view::NoView;
 
 /// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
 ///
@@ -34,6 +36,7 @@ enum Command {
     Train(train::Arguments),
     Eval(eval::Arguments),
     Inspect(inspect::Arguments),
+    Watch(watch::Arguments),
     Render(render::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
@@ -80,6 +83,15 @@ impl From<TrainError> for Failure {
     }
 }
 
+impl From<NoView> for Failure {
+    fn from(error: NoView) -> Self {
+        match error {
+            NoView::Terminal(_) => Self::Failed(error.to_string()),
+            NoView::NoTerminal | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
+        }
+    }
+}
+
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
     let command = Arguments::parse().command;
@@ -88,6 +100,7 @@ pub fn run() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Watch(arguments) => watch::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),

@@ -13,6 +13,7 @@ use crate::env::CartPole;
 use crate::files::write_json;
 use crate::sink::Console;
 use crate::trainer::{EndReason, EventSink, Summary, Trainer};
+use crate::view::{Live, Pace, check_terminal};
 
 /// The default config, `configs/cartpole.json`.
 pub(super) const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
@@ -23,7 +24,7 @@ pub(super) const DEFAULT_NAME: &str = "cartpole";
 /// Writes a folder with the resolved config, metrics, a summary and checkpoints.
 ///
 /// The progress shows the mean return of the last 100 episodes, ε, the loss of the last episode and the mean return of
-/// the latest evaluation.
+/// the latest evaluation. --live shows more, until q is pressed: during training that stops the run with a checkpoint.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
@@ -47,6 +48,12 @@ pub(super) struct Arguments {
     /// Show no progress and no summary
     #[arg(long)]
     quiet: bool,
+    /// Show the run in the terminal: learning curve, diagnostics, the latest policy at play
+    #[arg(long, conflicts_with = "quiet")]
+    live: bool,
+    /// With --live, train at this multiple of simulated time (50 steps a second), as 5x [default: full speed]
+    #[arg(long, value_name = "FACTOR", requires = "live", allow_negative_numbers = true)]
+    pace: Option<Pace>,
     /// Print the summary as JSON, alone on standard output
     #[arg(long)]
     json: bool,
@@ -56,10 +63,16 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let config = resolve(&arguments)?;
     let signals = Signals::listen()
         .map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))?;
+    if arguments.live {
+        check_terminal()?;
+    }
     let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments, &config));
     let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
-    if !arguments.quiet {
+    if arguments.live {
+        let pace = arguments.pace.unwrap_or(Pace::FULL);
+        sinks.push(Box::new(Live::open(&run.path().to_string_lossy(), config.budget, pace, &signals.stop)?));
+    } else if !arguments.quiet {
         sinks.push(Box::new(Console::new(config.budget)));
     }
     let start = Instant::now();
@@ -68,7 +81,6 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         let kept = if run.last().is_file() { "the last good checkpoint is" } else { "what was written is" };
         Failure::Failed(format!("{error}; {kept} kept in {}", run.path().display()))
     })?;
-    drop(sinks);
     if reason == EndReason::Interrupted {
         let (steps, path) = (trainer.progress().env_steps, run.last());
         let message = format!("stopped after step {steps}; everything is in {}", path.display());
@@ -77,6 +89,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let summary = trainer.summary(reason, start.elapsed().as_secs_f64());
     // The summary is also printed when it cannot be saved.
     let saved = write_json(&run.summary(), &summary);
+    drop(sinks);
     match (arguments.json, arguments.quiet) {
         (true, _) => print_json(&summary)?,
         (false, true) => {}

@@ -5,6 +5,7 @@ use std::io;
 use serde::{Deserialize, Serialize};
 
 use crate::agent::Statistics;
+use crate::nn::Mlp;
 
 /// Something that happened. No event holds a wall-clock time, so that equal runs write equal files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -93,6 +94,9 @@ pub trait EventSink {
     /// # Errors
     /// When it cannot be written; the run then ends.
     fn emit(&mut self, event: &Event) -> io::Result<()>;
+
+    /// Sees the policy of an evaluation, before its event; most sinks have no use for it.
+    fn see_policy(&mut self, _policy: &Mlp<f32>) {}
 }
 
 impl EventSink for Vec<Event> {
@@ -106,5 +110,9 @@ impl EventSink for Vec<Event> {
 impl EventSink for Vec<Box<dyn EventSink>> {
     fn emit(&mut self, event: &Event) -> io::Result<()> {
         self.iter_mut().try_for_each(|sink| sink.emit(event))
+    }
+
+    fn see_policy(&mut self, policy: &Mlp<f32>) {
+        self.iter_mut().for_each(|sink| sink.see_policy(policy));
     }
 }

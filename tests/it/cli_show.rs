@@ -1,4 +1,4 @@
-//! The commands for looking: `render`.
+//! The commands for looking: `render`, and `watch` and `train --live` where there is no terminal.
 
 use std::fs;
 
@@ -18,6 +18,14 @@ refusals! {
         [("x", b"")], ["render", "--checkpoint", "x", "-o", "gif"] => ["gif", ".gif or .svg"];
     refuses_a_picture_that_is_a_folder:
         [("f.gif/x", b"")], ["render", "--checkpoint", "x", "-o", "f.gif"] => ["f.gif", "folder"];
+    refuses_to_train_live_without_a_terminal: [], ["train", "--live"] => ["not a terminal"];
+    refuses_a_pace_without_live: [], ["train", "--pace", "5x"] => ["--live"];
+    refuses_a_pace_that_is_no_factor: [], ["train", "--live", "--pace", "fast"] => ["--pace", "0.01x to 1000x"];
+    refuses_a_pace_of_zero: [], ["train", "--live", "--pace", "0x"] => ["--pace", "0.01x to 1000x"];
+    refuses_to_be_live_and_quiet: [], ["train", "--live", "--quiet"] => ["--live", "--quiet"];
+    refuses_to_watch_nothing: [], ["watch"] => ["--checkpoint"];
+    refuses_to_watch_what_is_no_checkpoint:
+        [("x", b"hello")], ["watch", "--checkpoint", "x"] => ["x", "not a safetensors file"];
     refuses_a_picture_of_no_steps:
         [], ["render", "--checkpoint", "x", "-o", "x.gif", "--steps", "0"] => ["--steps", "1..=500"];
 }
@@ -29,6 +37,11 @@ fn does_not_draw_over_the_checkpoint_or_into_a_missing_folder() {
     let render = ["render", "--checkpoint", "policy.gif", "-o"];
     sandbox.refuses(&[&render[..], &["policy.gif"]].concat(), &["policy.gif", "it is the checkpoint"]);
     sandbox.refuses(&[&render[..], &["no/x.gif"]].concat(), &["no/x.gif", "No such file"]);
+}
+
+#[test]
+fn refuses_to_watch_without_a_terminal() {
+    Sandbox::with_run().refuses(&["watch", "--checkpoint", "run"], &["not a terminal"]);
 }
 
 #[test]
