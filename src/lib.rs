@@ -10,7 +10,9 @@
 //! | [`config`] | the JSON files that decide a run |
 //! | [`checkpoint`] | `.safetensors` files |
 //! | [`sink`] | who takes the events: metrics file, progress bar |
+//! | [`view`] | terminal views: an agent at play, a run that is training |
 //! | [`study`] | many runs: every config with every seed |
+//! | [`render`] | an episode as a GIF or an SVG |
 //! | [`report`] | what a study or a run amounts to, from files alone |
 //!
 //! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
@@ -30,11 +32,13 @@ pub mod config;
 pub mod env;
 pub mod files;
 pub mod nn;
+pub mod render;
 pub mod report;
 pub mod rng;
 pub mod sink;
 pub mod study;
 pub mod trainer;
+pub mod view;
 
 /// The README's example, compiled and run by `cargo test`.
 #[cfg(doctest)]

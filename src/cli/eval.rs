@@ -96,7 +96,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         )));
     }
     if let Some(trace) = &arguments.trace {
-        check_trace(trace, arguments.checkpoint.as_deref())?;
+        check_output(trace, arguments.checkpoint.as_deref()).map_err(|problem| bad_trace(trace, &problem))?;
     }
     let returns = match &arguments.checkpoint {
         Some(path) => {
@@ -123,7 +123,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
 }
 
 /// The policy of a checkpoint or of a run's folder.
-fn load_policy(path: &Path) -> Result<Mlp<f32>, Failure> {
+pub(super) fn load_policy(path: &Path) -> Result<Mlp<f32>, Failure> {
     let path = checkpoint_of(path)?;
     let policy = Checkpoint::read(&path)?.policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS);
     policy.map_err(|problem| CheckpointError { path, problem }.into())
@@ -145,14 +145,15 @@ fn play_all(policy: &mut impl Policy, arguments: &Arguments) -> Result<Vec<f64>,
     Ok(returns)
 }
 
-/// Refuses what would be noticed only after the episodes, or would destroy the checkpoint.
-fn check_trace(trace: &Path, checkpoint: Option<&Path>) -> Result<(), Failure> {
-    let checkpoint = checkpoint.map(checkpoint_of).transpose()?;
-    let is_checkpoint = || Some(trace.canonicalize().ok()? == checkpoint?.canonicalize().ok()?);
-    if trace.is_dir() {
-        Err(bad_trace(trace, "it is a folder; give a file"))
+/// Says what would be noticed only after the episodes, or would destroy the checkpoint.
+pub(super) fn check_output(output: &Path, checkpoint: Option<&Path>) -> Result<(), String> {
+    // What is wrong with the checkpoint is said when it is read.
+    let checkpoint = checkpoint.and_then(|path| checkpoint_of(path).ok());
+    let is_checkpoint = || Some(output.canonicalize().ok()? == checkpoint?.canonicalize().ok()?);
+    if output.is_dir() {
+        Err("it is a folder; give a file".into())
     } else if is_checkpoint() == Some(true) {
-        Err(bad_trace(trace, "it is the checkpoint; choose another file"))
+        Err("it is the checkpoint; choose another file".into())
     } else {
         Ok(())
     }

@@ -4,6 +4,7 @@ mod completions;
 mod config;
 mod eval;
 mod inspect;
+mod render;
 mod report;
 mod resume;
 mod run_dir;
@@ -11,6 +12,7 @@ mod signals;
 mod study;
 mod train;
 mod verify;
+mod watch;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -21,6 +23,7 @@ use crate::checkpoint::{CheckpointError, Problem};
 use crate::config::ConfigError;
 use crate::nn::kernels;
 use crate::trainer::TrainError;
+use crate::view::NoView;
 
 /// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
 ///
@@ -37,6 +40,8 @@ enum Command {
     Train(train::Arguments),
     Eval(eval::Arguments),
     Inspect(inspect::Arguments),
+    Watch(watch::Arguments),
+    Render(render::Arguments),
     Study(study::Arguments),
     Report(report::Arguments),
     Verify(verify::Arguments),
@@ -85,6 +90,15 @@ impl From<TrainError> for Failure {
     }
 }
 
+impl From<NoView> for Failure {
+    fn from(error: NoView) -> Self {
+        match error {
+            NoView::Terminal(_) => Self::Failed(error.to_string()),
+            NoView::NoTerminal | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
+        }
+    }
+}
+
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
     let command = Arguments::parse().command;
@@ -93,6 +107,8 @@ pub fn run() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Watch(arguments) => watch::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),

@@ -15,8 +15,9 @@ use crate::config::{self, Config};
 use crate::env::CartPole;
 use crate::files::{read_limited, write_json};
 use crate::nn::kernels;
-use crate::sink::{Console, TensorBoard};
+use crate::sink::{Console, JsonLines, TensorBoard};
 use crate::trainer::{EndReason, EventSink, Summary, TrainError, Trainer};
+use crate::view::{Live, Pace, check_terminal};
 
 /// The default config, `configs/cartpole.json`.
 pub(super) const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
@@ -27,7 +28,7 @@ pub(super) const DEFAULT_NAME: &str = "cartpole";
 /// Writes a folder with the resolved config, metrics, a summary and checkpoints.
 ///
 /// The progress shows the mean return of the last 100 episodes, ε, the loss of the last episode and the mean return of
-/// the latest evaluation.
+/// the latest evaluation. --live shows more, until q is pressed: during training that stops the run with a checkpoint.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
@@ -57,6 +58,12 @@ pub(super) struct Arguments {
     /// Show no progress and no summary
     #[arg(long)]
     quiet: bool,
+    /// Show the run in the terminal: learning curve, diagnostics, the latest policy at play
+    #[arg(long, conflicts_with = "quiet")]
+    live: bool,
+    /// With --live, train at this multiple of simulated time (50 steps a second), as 5x [default: full speed]
+    #[arg(long, value_name = "FACTOR", requires = "live", allow_negative_numbers = true)]
+    pace: Option<Pace>,
     /// Print the summary as JSON, alone on standard output
     #[arg(long)]
     json: bool,
@@ -64,21 +71,15 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let signals = Signals::listen()?;
+    if arguments.live {
+        check_terminal()?;
+    }
     let started = match &arguments.resume {
         Some(path) => resume(path, &sets(&arguments.set, arguments.seed))?,
         None => Some(start(&arguments)?),
     };
     let Some((run, metrics, mut trainer)) = started else { return Ok(()) };
-    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
-    if !arguments.quiet {
-        sinks.push(Box::new(Console::new(trainer.config().budget, trainer.progress().env_steps)));
-    }
-    if arguments.tensorboard {
-        let (folder, optimizer) = (run.tensorboard(), trainer.config().optimizer);
-        let learning_rate = move |steps| optimizer.learning_rate_after(steps);
-        let events = TensorBoard::create(&folder, trainer.progress().env_steps, learning_rate);
-        sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error))?));
-    }
+    let mut sinks = sinks(&arguments, &run, metrics, &trainer, &signals)?;
     let start = Instant::now();
     let reason = trainer.run(&mut sinks, Some(&run.checkpoints()), &signals.stop).map_err(|error| {
         let kept = if run.last().is_file() { "the last good checkpoint is" } else { "what was written is" };
@@ -97,12 +98,38 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let record = Record::new(&run, &trainer, reason, start.elapsed().as_secs_f64());
     // The summary is also printed when it cannot be saved.
     let saved = write_json(&run.summary(), &record);
+    drop(sinks);
     match (arguments.json, arguments.quiet) {
         (true, _) => print_json(&record)?,
         (false, true) => {}
         (false, false) => print(&describe(&record.summary, &run))?,
     }
     saved.map_err(|error| cannot_write(&run.summary(), &error))
+}
+
+/// Who takes the events of the run.
+fn sinks(
+    arguments: &Arguments,
+    run: &RunDir,
+    metrics: JsonLines,
+    trainer: &Run,
+    signals: &Signals,
+) -> Result<Vec<Box<dyn EventSink>>, Failure> {
+    let budget = trainer.config().budget;
+    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
+    if arguments.live {
+        let pace = arguments.pace.unwrap_or(Pace::FULL);
+        sinks.push(Box::new(Live::open(&run.path().to_string_lossy(), budget, pace, &signals.stop)?));
+    } else if !arguments.quiet {
+        sinks.push(Box::new(Console::new(budget, trainer.progress().env_steps)));
+    }
+    if arguments.tensorboard {
+        let (folder, optimizer) = (run.tensorboard(), trainer.config().optimizer);
+        let learning_rate = move |steps| optimizer.learning_rate_after(steps);
+        let events = TensorBoard::create(&folder, trainer.progress().env_steps, learning_rate);
+        sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error))?));
+    }
+    Ok(sinks)
 }
 
 fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {

@@ -14,8 +14,6 @@ const HALF_LENGTH: f64 = 0.5; // m, from the axle to the pole's centre of mass
 const POLE_MASS_LENGTH: f64 = POLE_MASS * HALF_LENGTH;
 const FORCE: f64 = 10.0; // N
 const TIME_STEP: f64 = 0.02; // s
-const MAX_POSITION: f64 = 2.4; // m
-const MAX_ANGLE: f64 = 12.0 * 2.0 * std::f64::consts::PI / 360.0; // rad
 const START_RANGE: f64 = 0.05; // every coordinate starts uniformly in ± this
 
 /// The physics without a time limit. Action 0 pushes the cart to the left, 1 to the right.
@@ -27,6 +25,15 @@ pub struct CartPole {
 }
 
 impl CartPole {
+    /// The distance of the cart from the middle, in m, beyond which an episode terminates.
+    pub const MAX_POSITION: f64 = 2.4;
+    /// The angle of the pole, in rad, beyond which an episode terminates.
+    pub const MAX_ANGLE: f64 = 12.0 * 2.0 * std::f64::consts::PI / 360.0;
+    /// The length of the pole, in m.
+    pub const POLE_LENGTH: f64 = 2.0 * HALF_LENGTH;
+    /// Steps in a second of simulated time.
+    pub const STEPS_PER_SECOND: u32 = 50;
+
     /// A cart at the given x, ẋ, θ, θ̇.
     pub fn at(state: [f64; 4]) -> Self {
         Self { state }
@@ -75,7 +82,7 @@ impl Environment for CartPole {
         debug_assert!(action < Self::NUM_ACTIONS);
         self.integrate(if action == 1 { FORCE } else { -FORCE });
         let [x, _, theta, _] = self.state;
-        let terminated = x.abs() > MAX_POSITION || theta.abs() > MAX_ANGLE;
+        let terminated = x.abs() > Self::MAX_POSITION || theta.abs() > Self::MAX_ANGLE;
         Step { observation: self.observation(), reward: 1.0, terminated, truncated: false }
     }
 

@@ -5,6 +5,7 @@ use std::io;
 use serde::{Deserialize, Serialize};
 
 use crate::agent::Statistics;
+use crate::nn::Mlp;
 
 /// Something that happened. No event holds a wall-clock time, so that equal runs write equal files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -101,6 +102,9 @@ pub trait EventSink {
     fn sync(&mut self) -> io::Result<()> {
         Ok(())
     }
+
+    /// Sees the policy of an evaluation, before its event; most sinks have no use for it.
+    fn see_policy(&mut self, _policy: &Mlp<f32>) {}
 }
 
 impl EventSink for Vec<Event> {
@@ -118,5 +122,9 @@ impl EventSink for Vec<Box<dyn EventSink>> {
 
     fn sync(&mut self) -> io::Result<()> {
         self.iter_mut().try_for_each(|sink| sink.sync())
+    }
+
+    fn see_policy(&mut self, policy: &Mlp<f32>) {
+        self.iter_mut().for_each(|sink| sink.see_policy(policy));
     }
 }

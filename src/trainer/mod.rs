@@ -202,6 +202,7 @@ impl<E: Environment> Trainer<E> {
     fn evaluate(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
         let episodes = self.config.evaluation.episodes;
         let policy = self.agent.policy();
+        sink.see_policy(&policy);
         let gamma = self.config.gamma;
         let played = evaluate_discounted(&policy, &self.environment, EVALUATION_SEED, episodes, gamma);
         let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());

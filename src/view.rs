@@ -1,0 +1,136 @@
+//! Terminal views, drawn by ratatui: an agent at play, and a run that is training.
+//!
+//! They know environments, policies and events, never files. Colours are the terminal's own sixteen; with `NO_COLOR`
+//! crossterm leaves them out, so nothing is told by colour alone.
+
+mod dashboard;
+mod live;
+mod pace;
+mod player;
+mod scene;
+mod watch;
+
+use std::io::{self, IsTerminal};
+use std::time::Duration;
+
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use ratatui::crossterm::terminal;
+use ratatui::layout::{Rect, Size};
+use ratatui::widgets::Paragraph;
+use ratatui::{DefaultTerminal, Frame};
+
+pub use live::Live;
+pub use pace::Pace;
+pub use watch::watch;
+
+/// The smallest terminal that a view fits in.
+const SMALLEST: Size = Size { width: 70, height: 20 };
+/// The time between two pictures: a step of simulated time.
+const FRAME: Duration = Duration::from_millis(20);
+
+/// Why there is no view.
+#[derive(Debug, thiserror::Error)]
+pub enum NoView {
+    /// Input or output goes somewhere else.
+    #[error("standard input and output are not a terminal")]
+    NoTerminal,
+    /// The terminal cannot hold it.
+    #[error("the terminal has {} × {} characters, and {} × {} are needed", .0.width, .0.height, SMALLEST.width, SMALLEST.height)]
+    TooSmall(Size),
+    /// The terminal does not do what it is told.
+    #[error("the terminal cannot be used: {0}")]
+    Terminal(#[from] io::Error),
+}
+
+/// Makes sure that a view can be opened.
+///
+/// # Errors
+/// There is no terminal, or it is too small.
+pub fn check_terminal() -> Result<(), NoView> {
+    if [io::stdin().is_terminal(), io::stdout().is_terminal()].contains(&false) {
+        return Err(NoView::NoTerminal);
+    }
+    let (width, height) = terminal::size()?;
+    if width < SMALLEST.width || height < SMALLEST.height {
+        return Err(NoView::TooSmall(Size { width, height }));
+    }
+    Ok(())
+}
+
+/// The terminal in the hands of a view; dropped, or in a panic, it is as before.
+struct Screen(DefaultTerminal);
+
+impl Screen {
+    fn open() -> Result<Self, NoView> {
+        check_terminal()?;
+        let opened = ratatui::try_init();
+        Ok(Self(opened.inspect_err(|_| drop(ratatui::try_restore()))?))
+    }
+
+    fn draw(&mut self, content: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
+        self.0.draw(|frame| match frame.area() {
+            Rect { width, height, .. } if width < SMALLEST.width || height < SMALLEST.height => {
+                let text = format!("at least {} × {} characters", SMALLEST.width, SMALLEST.height);
+                frame.render_widget(Paragraph::new(text), frame.area());
+            }
+            _ => content(frame),
+        })?;
+        Ok(())
+    }
+
+    /// The next key that is pressed within `time`.
+    fn key(&self, time: Duration) -> io::Result<Option<KeyEvent>> {
+        match event::poll(time)?.then(event::read).transpose()? {
+            Some(Event::Key(key)) if key.kind != KeyEventKind::Release => Ok(Some(key)),
+            _ => Ok(None),
+        }
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        // After a panic it has been restored, and what was printed since must stay.
+        if terminal::is_raw_mode_enabled().unwrap_or(true) {
+            let _ = ratatui::try_restore();
+        }
+    }
+}
+
+/// `q`, Esc or Ctrl-C.
+fn is_quit(key: KeyEvent) -> bool {
+    let control = key.modifiers.contains(KeyModifiers::CONTROL);
+    matches!((key.code, control), (KeyCode::Char('q') | KeyCode::Esc, _) | (KeyCode::Char('c'), true))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::nn::Mlp;
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    /// Pushes to the side to which the pole falls: Q = (−s, s) where s = θ + θ̇.
+    pub(super) fn policy() -> Mlp<f32> {
+        let mut policy = Mlp::zeros(vec![4, 2]);
+        policy.layer_mut(0)[4..8].copy_from_slice(&[-1.0, 1.0, -1.0, 1.0]);
+        policy
+    }
+
+    /// What a terminal of this size shows.
+    pub(super) fn text(width: u16, height: u16, content: impl FnOnce(&mut Frame<'_>)) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(content).unwrap();
+        let cells = terminal.backend().buffer().content();
+        let rows = cells.chunks(usize::from(width));
+        rows.map(|row| row.iter().map(|cell| cell.symbol()).collect::<String>() + "\n").collect()
+    }
+
+    #[test]
+    fn q_escape_and_control_c_quit_and_nothing_else() {
+        let key = |code, modifiers| is_quit(KeyEvent::new(code, modifiers));
+        assert!(key(KeyCode::Char('q'), KeyModifiers::NONE) && key(KeyCode::Esc, KeyModifiers::NONE));
+        assert!(key(KeyCode::Char('c'), KeyModifiers::CONTROL));
+        assert!(!key(KeyCode::Char('c'), KeyModifiers::NONE) && !key(KeyCode::Enter, KeyModifiers::NONE));
+    }
+}

@@ -1,0 +1,400 @@
+//! What `train --live` shows: the learning curve, the latest policy at play, and what learning looks like from inside.
+
+use std::time::{Duration, Instant};
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Stylize};
+use ratatui::symbols::Marker;
+use ratatui::text::Line;
+use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LineGauge, Paragraph};
+
+use super::player::{Player, Task};
+use super::scene;
+use crate::env::{CartPole, Environment};
+use crate::nn::Mlp;
+use crate::trainer::event::Event;
+use crate::trainer::{Budget, EVALUATION_SEED};
+
+const KEYS: &str = "+/- pace  f full speed  space pause  q stop, with a checkpoint";
+const KEYS_AT_THE_END: &str = "q close";
+/// How long the end of an episode stays.
+const REST: Duration = Duration::from_millis(500);
+
+/// Points over environment steps; when there are many, every second one goes.
+#[derive(Default)]
+struct Series {
+    points: Vec<(f64, f64)>,
+    /// Only every so-many-th point is kept.
+    every: u64,
+    pushed: u64,
+    latest: Option<f64>,
+}
+
+impl Series {
+    const MOST: usize = 2048;
+
+    fn push(&mut self, x: u64, y: f64) {
+        self.latest = Some(y);
+        self.every = self.every.max(1);
+        if self.pushed.is_multiple_of(self.every) {
+            self.points.push((x as f64, y));
+        }
+        self.pushed += 1;
+        if self.points.len() == Self::MOST {
+            let mut index = 0;
+            self.points.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.every *= 2;
+        }
+    }
+
+    /// The points in `width` characters, between the smallest and the largest.
+    fn sparkline(&self, width: usize) -> String {
+        const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+        let values = || self.points.iter().map(|&(_, y)| y);
+        let (low, high) =
+            (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        let columns = width.min(self.points.len());
+        let bar = |column: usize| {
+            let range = column * self.points.len() / columns..(column + 1) * self.points.len() / columns;
+            let mean = self.points[range.clone()].iter().map(|&(_, y)| y).sum::<f64>() / range.len() as f64;
+            let share = if high > low { (mean - low) / (high - low) } else { 0.0 };
+            BARS[(share * 7.0).round() as usize]
+        };
+        (0..columns).map(bar).collect()
+    }
+}
+
+/// What moves over time, in the order in which it is shown.
+const DIAGNOSTICS: [&str; 10] = [
+    "ε",
+    "loss",
+    "TD error, median",
+    "gradient norm",
+    "overestimation",
+    "max Q",
+    "action gap",
+    "doomed max Q",
+    "terminal share",
+    "dead ReLU share",
+];
+
+pub(super) struct Dashboard {
+    name: String,
+    budget: Budget,
+    env_steps: u64,
+    episodes: u64,
+    /// Mean returns of the evaluations, and of the last 100 training episodes.
+    evaluations: Series,
+    training: Series,
+    best: f64,
+    diagnostics: [Series; DIAGNOSTICS.len()],
+    player: Option<Player>,
+    /// Steps of the player that are due.
+    due: f64,
+    rested: Duration,
+    /// When and at which step the speed was last measured, and what it was, in steps per second.
+    measured: (Instant, u64),
+    speed: f64,
+    ended: bool,
+}
+
+impl Dashboard {
+    pub(super) fn new(name: &str, budget: Budget) -> Self {
+        Self {
+            name: name.into(),
+            budget,
+            env_steps: 0,
+            episodes: 0,
+            evaluations: Series::default(),
+            training: Series::default(),
+            best: f64::NEG_INFINITY,
+            diagnostics: Default::default(),
+            player: None,
+            due: 0.0,
+            rested: Duration::ZERO,
+            measured: (Instant::now(), 0),
+            speed: 0.0,
+            ended: false,
+        }
+    }
+
+    pub(super) fn ended(&self) -> bool {
+        self.ended
+    }
+
+    pub(super) fn set_policy(&mut self, policy: Mlp<f32>) {
+        match &mut self.player {
+            Some(player) => player.set_policy(policy),
+            None => self.player = Some(Player::new(policy, EVALUATION_SEED)),
+        }
+    }
+
+    pub(super) fn take(&mut self, event: &Event) {
+        let [epsilon_series, loss_series, statistics @ ..] = &mut self.diagnostics;
+        match *event {
+            Event::Episode { env_steps, episode, mean_return_100, epsilon, loss, .. } => {
+                (self.env_steps, self.episodes) = (env_steps, episode + 1);
+                self.training.push(env_steps, mean_return_100);
+                epsilon_series.push(env_steps, epsilon);
+                loss.into_iter().for_each(|loss| loss_series.push(env_steps, loss));
+            }
+            Event::Evaluation { env_steps, mean, .. } => {
+                self.env_steps = env_steps;
+                self.evaluations.push(env_steps, mean);
+                self.best = self.best.max(mean);
+            }
+            Event::Statistics { env_steps, overestimation, ref agent } => {
+                let values = [
+                    agent.td_error_quantiles[1],
+                    agent.gradient_norm,
+                    overestimation,
+                    agent.max_q,
+                    agent.action_gap,
+                    agent.doomed_max_q,
+                    agent.terminal_share,
+                    agent.dead_relu_share,
+                ];
+                for (series, value) in statistics.iter_mut().zip(values) {
+                    series.push(env_steps, value);
+                }
+            }
+            Event::End { env_steps, episodes, .. } => {
+                (self.env_steps, self.episodes) = (env_steps, episodes);
+                self.ended = true;
+            }
+        }
+    }
+
+    /// Lets time pass. `allowed_steps` is how far its pace lets the run be by now.
+    pub(super) fn advance(&mut self, time: Duration, allowed_steps: u64) {
+        if !self.ended {
+            self.env_steps = self.env_steps.max(allowed_steps);
+            self.measure();
+        }
+        let Some(player) = &mut self.player else { return };
+        if player.end.is_some() {
+            self.rested += time;
+            if self.rested >= REST {
+                player.start(player.seed + 1);
+                (self.rested, self.due) = (Duration::ZERO, 0.0);
+            }
+            return;
+        }
+        self.due += time.as_secs_f64() * f64::from(CartPole::STEPS_PER_SECOND);
+        while self.due >= 1.0 {
+            self.due -= 1.0;
+            player.step();
+        }
+    }
+
+    /// The speed of the last second, or of what there is of the first.
+    fn measure(&mut self) {
+        let (start, steps) = self.measured;
+        let seconds = start.elapsed().as_secs_f64();
+        if seconds >= 1.0 || steps == 0 {
+            self.speed = (self.env_steps - steps) as f64 / seconds.max(1e-3);
+        }
+        if seconds >= 1.0 {
+            self.measured = (Instant::now(), self.env_steps);
+        }
+    }
+
+    /// Draws everything; `status` says how the run goes.
+    pub(super) fn draw(&self, frame: &mut Frame<'_>, status: &str) {
+        let [title, progress, pictures, diagnostics, keys] = Layout::vertical([
+            Constraint::Length(1),
+            Constraint::Length(1),
+            Constraint::Min(8),
+            Constraint::Length(DIAGNOSTICS.len() as u16 / 2 + 2),
+            Constraint::Length(1),
+        ])
+        .areas(frame.area());
+        frame.render_widget(Line::from(vec!["train".bold(), format!(" {}", self.name).into()]), title);
+        self.draw_progress(frame, progress, status);
+        let [curve, cart] = Layout::horizontal([Constraint::Fill(1); 2]).areas(pictures);
+        self.draw_curve(frame, curve);
+        self.draw_player(frame, cart);
+        self.draw_diagnostics(frame, diagnostics);
+        frame.render_widget(Line::from(if self.ended { KEYS_AT_THE_END } else { KEYS }).dim(), keys);
+    }
+
+    fn draw_progress(&self, frame: &mut Frame<'_>, area: Rect, status: &str) {
+        let (done, budget, unit) = match self.budget {
+            Budget::Steps(steps) => (self.env_steps, steps, "step"),
+            Budget::Episodes(episodes) => (self.episodes, episodes, "episode"),
+        };
+        let label = format!("{unit} {done} of {budget} │ {:.0} steps/s │ {status}", self.speed);
+        let gauge = LineGauge::default().label(label).ratio((done as f64 / budget as f64).clamp(0.0, 1.0));
+        frame.render_widget(gauge.filled_style(Color::Green).unfilled_style(Color::DarkGray), area);
+    }
+
+    fn draw_curve(&self, frame: &mut Frame<'_>, area: Rect) {
+        let last = match self.budget {
+            Budget::Steps(steps) => steps,
+            Budget::Episodes(_) => self.env_steps.max(1),
+        };
+        let title = match self.evaluations.latest {
+            Some(mean) => format!(" • evaluated {mean:.1}, best {:.1} ", self.best),
+            None => " learning curve ".into(),
+        };
+        let training = self.training.latest;
+        let training =
+            training.map_or_else(String::new, |mean| format!(" ─ mean return in training {mean:.1} "));
+        let solved = [(0.0, Task::SOLVED_RETURN), (last as f64, Task::SOLVED_RETURN)];
+        let line = |data, colour: Color| {
+            Dataset::default().data(data).marker(Marker::Braille).graph_type(GraphType::Line).style(colour)
+        };
+        let chart = Chart::new(vec![
+            line(&solved, Color::DarkGray),
+            line(&self.training.points, Color::Blue),
+            Dataset::default().data(&self.evaluations.points).marker(Marker::Dot).style(Color::Yellow),
+        ])
+        .block(Block::bordered().title(title).title_bottom(training))
+        .legend_position(None)
+        .x_axis(Axis::default().bounds([0.0, last as f64]).labels(["0".into(), last.to_string()]))
+        .y_axis(Axis::default().bounds([0.0, Task::MAX_RETURN]).labels(["0", "250", "500"]));
+        frame.render_widget(chart, area);
+    }
+
+    fn draw_player(&self, frame: &mut Frame<'_>, area: Rect) {
+        let Some(player) = &self.player else {
+            frame.render_widget(Block::bordered().title(" no evaluation yet "), area);
+            return;
+        };
+        let title = format!(" latest policy │ step {} of {} ", player.steps, Task::MAX_RETURN);
+        let returns: String =
+            player.returns.iter().rev().take(4).map(|(total, _)| format!(" {total}")).collect();
+        let returns = if returns.is_empty() { returns } else { format!(" returns{returns} ") };
+        scene::draw(frame, area, Block::bordered().title(title).title_bottom(returns), player.state());
+    }
+
+    fn draw_diagnostics(&self, frame: &mut Frame<'_>, area: Rect) {
+        let block = Block::bordered().title(" from inside, at each evaluation ");
+        let columns: [Rect; 2] =
+            Layout::horizontal([Constraint::Fill(1); 2]).spacing(2).areas(block.inner(area));
+        frame.render_widget(block, area);
+        let lines: Vec<Line<'_>> = DIAGNOSTICS
+            .iter()
+            .zip(&self.diagnostics)
+            .map(|(name, series)| {
+                let latest = series.latest.map_or_else(|| "-".into(), short);
+                let width = usize::from(columns[0].width).saturating_sub(27);
+                Line::from(vec![format!("{name:<17}{latest:>8}  ").into(), series.sparkline(width).cyan()])
+            })
+            .collect();
+        for (column, lines) in columns.into_iter().zip(lines.chunks(DIAGNOSTICS.len() / 2)) {
+            frame.render_widget(Paragraph::new(lines.to_vec()), column);
+        }
+    }
+}
+
+/// A number in at most eight characters.
+fn short(value: f64) -> String {
+    match value.abs() {
+        size if size == 0.0 || (0.001..1.0).contains(&size) => format!("{value:.4}"),
+        size if (1.0..10_000.0).contains(&size) => format!("{value:.2}"),
+        _ => format!("{value:.1e}"),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::agent::Statistics;
+    use crate::view::tests::{policy, text};
+
+    fn episode(env_steps: u64, mean_return_100: f64) -> Event {
+        let (epsilon, loss) = (0.25, Some(0.0125));
+        Event::Episode {
+            env_steps,
+            episode: 6,
+            return_: 9.0,
+            length: 9,
+            mean_return_100,
+            epsilon,
+            loss,
+            updates: 1,
+        }
+    }
+
+    fn evaluation(env_steps: u64, mean: f64) -> Event {
+        let solved = mean >= Task::SOLVED_RETURN;
+        Event::Evaluation { env_steps, episodes: 1, mean, std: 0.0, min: mean, max: mean, best: true, solved }
+    }
+
+    #[test]
+    fn shows_what_the_events_hold() {
+        let mut dashboard = Dashboard::new("runs/x", Budget::Steps(4000));
+        let empty = text(80, 24, |frame| dashboard.draw(frame, "full speed"));
+        assert!(empty.contains("train runs/x") && empty.contains("no evaluation yet"), "{empty}");
+
+        dashboard.take(&episode(1000, 123.4));
+        dashboard.take(&evaluation(1000, 456.7));
+        dashboard.take(&evaluation(2000, 345.6));
+        let agent = Statistics { max_q: 78.9, dead_relu_share: 0.125, ..Statistics::default() };
+        dashboard.take(&Event::Statistics { env_steps: 2000, overestimation: -4.5, agent });
+        dashboard.set_policy(policy());
+        dashboard.advance(Duration::from_millis(200), 2500);
+        for (width, height) in [(80, 24), (70, 20), (200, 60)] {
+            let shown = text(width, height, |frame| dashboard.draw(frame, "5x"));
+            for part in [
+                "step 2500 of 4000",
+                "5x",
+                "• evaluated 345.6, best 456.7 ",
+                "mean return in training 123.4 ",
+                "0.2500 ",
+                "0.0125 ",
+                "78.90 ",
+                "-4.50 ",
+                "0.1250 ",
+                "latest policy │ step 10 of 500",
+                "q stop",
+            ] {
+                assert!(shown.contains(part), "{part} is not in\n{shown}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_evaluation_is_a_point_where_it_belongs() {
+        let points = |mean| {
+            let mut dashboard = Dashboard::new("", Budget::Steps(4000));
+            dashboard.take(&evaluation(2000, mean));
+            let shown = text(80, 24, |frame| dashboard.draw(frame, ""));
+            let lines: Vec<&str> = shown.lines().collect();
+            // The title has the same mark.
+            let row = 3 + lines[3..].iter().position(|line| line.contains('•')).unwrap();
+            (row, lines[row].chars().position(|c| c == '•').unwrap())
+        };
+        let ((low, x), (high, same)) = (points(100.0), points(400.0));
+        assert!(low > high + 3, "row {low}, row {high}");
+        assert!(x == same && (19..25).contains(&x), "column {x}");
+    }
+
+    #[test]
+    fn after_the_end_nothing_moves_but_the_player() {
+        let mut dashboard = Dashboard::new("", Budget::Episodes(9));
+        let (env_steps, episodes, updates) = (1234, 9, 7);
+        let reason = crate::trainer::EndReason::Budget;
+        dashboard.take(&Event::End { env_steps, episodes, updates, reason });
+        dashboard.advance(Duration::from_secs(1), 9999);
+        let shown = text(80, 24, |frame| dashboard.draw(frame, "finished"));
+        assert!(dashboard.ended() && dashboard.env_steps == env_steps);
+        assert!(shown.contains("episode 9 of 9") && shown.contains("q close"), "{shown}");
+    }
+
+    #[test]
+    fn a_long_series_keeps_its_shape_in_little_memory() {
+        let mut series = Series::default();
+        (0..100_000).for_each(|x| series.push(x, if x < 50_000 { 0.0 } else { 1.0 }));
+        assert!(series.points.len() < Series::MOST && series.points.len() >= Series::MOST / 2);
+        assert!(series.points.windows(2).all(|pair| pair[0].0 < pair[1].0));
+        assert_eq!(series.sparkline(6), "▁▁▁███");
+        assert_eq!(series.sparkline(0), "");
+    }
+}

@@ -1,0 +1,165 @@
+//! `train --live`: a sink that hands what happens to a view in a thread of its own.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{self, JoinHandle};
+use std::time::Instant;
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent};
+
+use super::dashboard::Dashboard;
+use super::pace::{Brake, Pace, Shared};
+use super::{FRAME, NoView, Screen, is_quit};
+use crate::nn::Mlp;
+use crate::trainer::Budget;
+use crate::trainer::event::{Event, EventSink};
+
+/// Shows a run in the terminal and holds it back to a pace.
+///
+/// Once the run has ended, dropping it waits until somebody has looked and quits; a run that was stopped or failed is
+/// not shown any longer.
+pub struct Live {
+    messages: Sender<Message>,
+    brake: Brake,
+    shared: Arc<Shared>,
+    stop: Arc<AtomicBool>,
+    ended: bool,
+    view: Option<JoinHandle<io::Result<()>>>,
+}
+
+enum Message {
+    Event(Event),
+    Policy(Mlp<f32>),
+}
+
+impl Live {
+    /// Opens the view of a run. It sets `stop` when somebody quits.
+    ///
+    /// # Errors
+    /// There is no terminal, it is too small, or it fails.
+    pub fn open(name: &str, budget: Budget, pace: Pace, stop: &Arc<AtomicBool>) -> Result<Self, NoView> {
+        let screen = Screen::open()?;
+        let shared = Arc::new(Shared::new(pace));
+        close_in_panic(&shared);
+        let (messages, inbox) = channel();
+        let view = View {
+            screen,
+            dashboard: Dashboard::new(name, budget),
+            inbox,
+            shared: Arc::clone(&shared),
+            stop: Arc::clone(stop),
+        };
+        let view = thread::Builder::new().name("view".into()).spawn(|| view.run())?;
+        Ok(Self {
+            messages,
+            brake: Brake::new(),
+            shared,
+            stop: Arc::clone(stop),
+            ended: false,
+            view: Some(view),
+        })
+    }
+}
+
+/// The screen that the panic of another thread has restored must stay so.
+fn close_in_panic(shared: &Arc<Shared>) {
+    let shared = Arc::clone(shared);
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        shared.closing.store(true, Ordering::SeqCst);
+        hook(panic);
+    }));
+}
+
+impl EventSink for Live {
+    fn emit(&mut self, event: &Event) -> io::Result<()> {
+        match event {
+            Event::Episode { env_steps, .. } | Event::Evaluation { env_steps, .. } => {
+                self.brake.wait(*env_steps, &self.shared, &self.stop);
+            }
+            Event::Statistics { .. } => {}
+            Event::End { .. } => self.ended = true,
+        }
+        // A view that has failed has set `stop`.
+        let _ = self.messages.send(Message::Event(event.clone()));
+        Ok(())
+    }
+
+    fn see_policy(&mut self, policy: &Mlp<f32>) {
+        let _ = self.messages.send(Message::Policy(policy.clone()));
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        if !self.ended {
+            self.shared.closing.store(true, Ordering::SeqCst);
+        }
+        // What went wrong with the terminal can be told to nobody.
+        let _ = self.view.take().map(JoinHandle::join);
+    }
+}
+
+/// The thread's half.
+struct View {
+    screen: Screen,
+    dashboard: Dashboard,
+    inbox: Receiver<Message>,
+    shared: Arc<Shared>,
+    stop: Arc<AtomicBool>,
+}
+
+impl View {
+    fn run(mut self) -> io::Result<()> {
+        let result = self.show();
+        // Also where the terminal has failed: nobody could see or stop the run any longer.
+        self.stop.store(true, Ordering::Relaxed);
+        result
+    }
+
+    fn show(&mut self) -> io::Result<()> {
+        let mut last = Instant::now();
+        loop {
+            self.take_messages();
+            let stopped = self.stop.load(Ordering::Relaxed);
+            if self.shared.closing.load(Ordering::SeqCst) || (stopped && self.dashboard.ended()) {
+                return Ok(());
+            }
+            self.dashboard.advance(last.elapsed(), self.shared.allowed_steps.load(Ordering::Relaxed));
+            last = Instant::now();
+            let status = match self.shared.pace() {
+                _ if self.dashboard.ended() => "finished".into(),
+                _ if stopped => "stopping".into(),
+                (pace, true) => format!("paused at {pace}"),
+                (pace, false) => pace.to_string(),
+            };
+            self.screen.draw(|frame| self.dashboard.draw(frame, &status))?;
+            while let Some(key) = self.screen.key((2 * FRAME).saturating_sub(last.elapsed()))? {
+                self.press(key);
+            }
+        }
+    }
+
+    fn take_messages(&mut self) {
+        for message in self.inbox.try_iter() {
+            match message {
+                Message::Event(event) => self.dashboard.take(&event),
+                Message::Policy(policy) => self.dashboard.set_policy(policy),
+            }
+        }
+    }
+
+    fn press(&self, key: KeyEvent) {
+        let (pace, paused) = self.shared.pace();
+        match key.code {
+            _ if is_quit(key) => self.stop.store(true, Ordering::Relaxed),
+            KeyCode::Char('+' | '=') => self.shared.set_pace(pace.faster(), paused),
+            KeyCode::Char('-') => self.shared.set_pace(pace.slower(), paused),
+            KeyCode::Char('f') => self.shared.set_pace(Pace::FULL, false),
+            KeyCode::Char(' ') => self.shared.set_pace(pace, !paused),
+            _ => {}
+        }
+    }
+}

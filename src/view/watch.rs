@@ -1,0 +1,304 @@
+//! `watch`: an agent at play, with what it thinks of it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use ratatui::Frame;
+use ratatui::crossterm::event::{KeyCode, KeyEvent};
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::Stylize;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Paragraph};
+
+use super::player::{Player, Task};
+use super::{FRAME, NoView, Screen, is_quit, scene};
+use crate::env::{CartPole, Environment};
+use crate::nn::Mlp;
+
+/// Simulated time per time; 1 is the middle.
+const SPEEDS: [f64; 9] = [0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
+/// How long the end of an episode stays.
+const REST: Duration = Duration::from_millis(1500);
+const KEYS: &str = "←/→ push  space pause  s step  n next seed  r again  +/- speed  q quit";
+
+/// Plays a policy's episodes from the seeds `seed`, `seed + 1`, … until somebody quits or `stop` is set.
+///
+/// # Errors
+/// There is no terminal, it is too small, or it fails.
+pub fn watch(policy: Mlp<f32>, name: &str, seed: u64, stop: &AtomicBool) -> Result<(), NoView> {
+    let mut screen = Screen::open()?;
+    let mut view = Watch::new(policy, name, seed);
+    let mut last = Instant::now();
+    while !stop.load(Ordering::Relaxed) {
+        screen.draw(|frame| view.draw(frame))?;
+        let drawn = Instant::now();
+        while let Some(key) = screen.key(FRAME.saturating_sub(drawn.elapsed()))? {
+            if is_quit(key) {
+                return Ok(());
+            }
+            view.press(key);
+        }
+        view.advance(last.elapsed());
+        last = Instant::now();
+    }
+    Ok(())
+}
+
+struct Watch {
+    name: String,
+    player: Player,
+    /// Index of [`SPEEDS`].
+    speed: usize,
+    paused: bool,
+    /// Steps that are due.
+    due: f64,
+    /// How long the end has stayed.
+    rested: Duration,
+    /// The range of the Q-values in this episode.
+    q_range: (f32, f32),
+}
+
+impl Watch {
+    fn new(policy: Mlp<f32>, name: &str, seed: u64) -> Self {
+        let mut view = Self {
+            name: name.into(),
+            player: Player::new(policy, seed),
+            speed: SPEEDS.len() / 2,
+            paused: false,
+            due: 0.0,
+            rested: Duration::ZERO,
+            q_range: (0.0, 0.0),
+        };
+        view.start(seed);
+        view
+    }
+
+    fn start(&mut self, seed: u64) {
+        self.player.start(seed);
+        (self.due, self.rested) = (0.0, Duration::ZERO);
+        self.q_range = (f32::INFINITY, f32::NEG_INFINITY);
+        self.measure();
+    }
+
+    fn measure(&mut self) {
+        for q in self.player.q_values {
+            self.q_range = (self.q_range.0.min(q), self.q_range.1.max(q));
+        }
+    }
+
+    fn step(&mut self) {
+        self.player.step();
+        self.measure();
+    }
+
+    /// Lets time pass.
+    fn advance(&mut self, time: Duration) {
+        if self.paused {
+            return;
+        }
+        if self.player.end.is_some() {
+            self.rested += time;
+            if self.rested >= REST {
+                self.start(self.player.seed.wrapping_add(1));
+            }
+            return;
+        }
+        self.due += time.as_secs_f64() * SPEEDS[self.speed] * f64::from(CartPole::STEPS_PER_SECOND);
+        while self.due >= 1.0 {
+            self.due -= 1.0;
+            self.step();
+        }
+    }
+
+    fn press(&mut self, key: KeyEvent) {
+        match key.code {
+            KeyCode::Left => self.player.push(0),
+            KeyCode::Right => self.player.push(1),
+            KeyCode::Char(' ') => self.paused = !self.paused,
+            KeyCode::Char('s' | '.') => {
+                self.paused = true;
+                self.step();
+            }
+            KeyCode::Char('n') => self.start(self.player.seed.wrapping_add(1)),
+            KeyCode::Char('r') => self.start(self.player.seed),
+            KeyCode::Char('+' | '=') => self.speed = (self.speed + 1).min(SPEEDS.len() - 1),
+            KeyCode::Char('-') => self.speed = self.speed.saturating_sub(1),
+            _ => {}
+        }
+    }
+
+    fn draw(&self, frame: &mut Frame<'_>) {
+        let [title, cart, values, returns, keys] = Layout::vertical([
+            Constraint::Length(1),
+            Constraint::Min(8),
+            Constraint::Length(4),
+            Constraint::Length(2),
+            Constraint::Length(1),
+        ])
+        .areas(frame.area());
+        let name = format!(" {}", self.name);
+        frame.render_widget(Line::from(vec!["watch".bold(), name.into()]), title);
+        let block = Block::bordered().title(self.status()).title_bottom(self.state());
+        scene::draw(frame, cart, block, self.player.state());
+        self.draw_values(frame, values);
+        frame.render_widget(Paragraph::new(self.returns(usize::from(returns.width))), returns);
+        frame.render_widget(Line::from(KEYS).dim(), keys);
+    }
+
+    fn status(&self) -> String {
+        let Player { seed, steps, end, push, .. } = &self.player;
+        let what = match (end, push, self.paused) {
+            (Some(end), ..) if end.terminated && self.player.state()[0].abs() > CartPole::MAX_POSITION => {
+                "left the track"
+            }
+            (Some(end), ..) if end.terminated => "fell",
+            (Some(_), ..) => "stood to the end",
+            (None, Some((0, _)), _) => "◄ pushed",
+            (None, Some(_), _) => "pushed ►",
+            (None, None, true) => "paused",
+            (None, None, false) => "plays",
+        };
+        format!(" seed {seed} │ step {steps} of {} │ {}x │ {what} ", Task::MAX_RETURN, SPEEDS[self.speed])
+    }
+
+    fn state(&self) -> String {
+        let [x, x_dot, angle, angle_dot] = self.player.state();
+        let (angle, angle_dot) = (angle.to_degrees(), angle_dot.to_degrees());
+        format!(" x {x:+.2} m │ v {x_dot:+.2} m/s │ θ {angle:+.1}° │ ω {angle_dot:+.0}°/s ")
+    }
+
+    /// A bar for each action, over the range of this episode: the difference that decides is far smaller than either.
+    fn draw_values(&self, frame: &mut Frame<'_>, area: Rect) {
+        let (low, high) = self.q_range;
+        let block = Block::bordered().title(format!(" Q-values, {low:.2} to {high:.2} in this episode "));
+        let width = usize::from(area.width).saturating_sub(2 + 29);
+        let lines = [0, 1].map(|action| {
+            let q = self.player.q_values[action];
+            let share = if high > low { (q - low) / (high - low) } else { 1.0 };
+            let chosen = action == self.player.action;
+            let name = if action == 0 { " left ◄" } else { " right ►" };
+            let bar = Span::from(bar(share, width));
+            Line::from(vec![
+                format!("{name:<9}{q:>9.2} ").into(),
+                if chosen { bar.green() } else { bar.dim() },
+                if chosen { " ◆ chosen".bold() } else { Span::default() },
+            ])
+        });
+        frame.render_widget(Paragraph::new(lines.to_vec()).block(block), area);
+    }
+
+    fn returns(&self, width: usize) -> Vec<Line<'_>> {
+        let returns = &self.player.returns;
+        if returns.is_empty() {
+            return vec![Line::from("returns: none yet")];
+        }
+        let mean = returns.iter().map(|(total, _)| *total as f64).sum::<f64>() / returns.len() as f64;
+        let latest = returns.iter().rev().take(width.saturating_sub(24) / 5);
+        let latest: String =
+            latest.map(|(total, pushed)| format!(" {total}{}", if *pushed { "*" } else { "" })).collect();
+        let marked = if returns.iter().any(|(_, pushed)| *pushed) { "   * with a push" } else { "" };
+        vec![
+            Line::from(format!("returns, latest first:{latest}")),
+            Line::from(format!("mean {mean:.1} of {} episodes{marked}", returns.len())),
+        ]
+    }
+}
+
+/// A bar of `width` characters, filled to a share of 0…1 in eighths of a character.
+fn bar(share: f32, width: usize) -> String {
+    const EIGHTHS: [&str; 8] = ["", "▏", "▎", "▍", "▌", "▋", "▊", "▉"];
+    let eighths = (share.clamp(0.0, 1.0) * 8.0 * width as f32).round() as usize;
+    let filled = "█".repeat(eighths / 8) + EIGHTHS[eighths % 8];
+    format!("{filled:width$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::tests::{policy, text};
+
+    fn view() -> Watch {
+        Watch::new(policy(), "runs/x", 7)
+    }
+
+    fn press(view: &mut Watch, code: KeyCode) {
+        view.press(KeyEvent::from(code));
+    }
+
+    fn shown(view: &Watch) -> String {
+        text(80, 24, |frame| view.draw(frame))
+    }
+
+    #[test]
+    fn time_runs_at_50_steps_a_second_times_the_speed() {
+        let second = Duration::from_secs(1);
+        let mut view = view();
+        view.advance(second);
+        assert_eq!(view.player.steps, 50);
+        press(&mut view, KeyCode::Char('-'));
+        view.advance(second);
+        assert_eq!(view.player.steps, 75);
+        press(&mut view, KeyCode::Char('+'));
+        press(&mut view, KeyCode::Char('+'));
+        view.advance(second / 4);
+        assert_eq!(view.player.steps, 100);
+        assert!(shown(&view).contains("step 100 of 500 │ 2x │ plays"), "{}", shown(&view));
+    }
+
+    #[test]
+    fn a_pause_stops_time_and_single_steps_go_through_it() {
+        let mut view = view();
+        press(&mut view, KeyCode::Char(' '));
+        view.advance(Duration::from_secs(9));
+        assert_eq!(view.player.steps, 0);
+        press(&mut view, KeyCode::Char('s'));
+        view.advance(Duration::from_secs(9));
+        assert_eq!(view.player.steps, 1);
+        assert!(shown(&view).contains("paused"));
+        press(&mut view, KeyCode::Char(' '));
+        view.advance(Duration::from_millis(20));
+        assert_eq!(view.player.steps, 2);
+    }
+
+    #[test]
+    fn the_next_seed_comes_by_key_or_a_moment_after_the_end() {
+        let mut view = view();
+        press(&mut view, KeyCode::Char('n'));
+        assert_eq!((view.player.seed, view.player.returns.len()), (8, 0));
+        view.advance(Duration::from_secs(60));
+        let total = view.player.steps;
+        assert!(view.player.end.is_some());
+        view.advance(REST / 2);
+        assert_eq!(view.player.steps, total, "the end stays a moment");
+        assert!(shown(&view).contains(&format!("returns, latest first: {total} ")), "{}", shown(&view));
+        view.advance(REST);
+        assert_eq!((view.player.seed, view.player.steps), (9, 0));
+        press(&mut view, KeyCode::Char('r'));
+        assert_eq!(view.player.seed, 9);
+    }
+
+    #[test]
+    fn shows_the_q_values_the_choice_and_a_push() {
+        let mut view = view();
+        view.advance(Duration::from_millis(100));
+        let screen = shown(&view);
+        let lines: Vec<&str> =
+            screen.lines().filter(|line| line.contains("left ◄") || line.contains("right ►")).collect();
+        assert_eq!(lines.len(), 2, "{screen}");
+        for (action, line) in lines.iter().enumerate() {
+            assert_eq!(line.contains("◆ chosen"), action == view.player.action, "{screen}");
+            assert!(line.contains(&format!("{:.2}", view.player.q_values[action])), "{screen}");
+        }
+        assert!(screen.contains("watch runs/x") && screen.contains("returns: none yet"));
+        press(&mut view, KeyCode::Left);
+        assert!(shown(&view).contains("◄ pushed"));
+        press(&mut view, KeyCode::Right);
+        assert!(shown(&view).contains("pushed ►"));
+    }
+
+    #[test]
+    fn a_bar_grows_by_eighths_and_keeps_its_width() {
+        let bars = [0.0, 0.125, 0.5, 1.0, 7.0].map(|share| bar(share, 4));
+        assert_eq!(bars, ["    ", "▌   ", "██  ", "████", "████"]);
+    }
+}
