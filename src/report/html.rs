@@ -1,5 +1,6 @@
 //! A report as one HTML file that needs nothing else: no network, no other file.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -137,8 +138,7 @@ fn results(runs: &[Run]) -> String {
     let mut said = String::new();
     for run in runs {
         let report = &run.report;
-        let means = [report.best, report.final_].map(|evaluation| format!("{:.1}", evaluation.mean));
-        let [best, last] = means;
+        let [best, last] = [report.best, report.final_].map(|evaluation| format!("{:.1}", evaluation.mean));
         rows.push(vec![run.name.clone(), report.seed.to_string(), solved(run), best, last]);
         let _ = writeln!(
             said,
@@ -196,47 +196,56 @@ fn settings(config: &Value) -> Vec<[String; 4]> {
     rows
 }
 
-/// The first config, and in what the others differ.
+/// Every key of one config; of several in what they differ, and the first below.
 fn config_tables(configs: &[(&str, &Value)]) -> String {
     let all: Vec<Vec<[String; 4]>> = configs.iter().map(|(_, config)| settings(config)).collect();
-    let Some((first, others)) = all.split_first() else { return String::new() };
-    let mut html = String::new();
-    if !others.is_empty() {
-        let mut keys: Vec<&str> = all.iter().flatten().map(|[key, ..]| key.as_str()).collect();
-        let mut seen = std::collections::BTreeSet::new();
-        keys.retain(|key| seen.insert(*key));
-        let heading = std::iter::once("").chain(configs.iter().map(|(name, _)| *name));
-        let mut rows = vec![heading.map(String::from).collect::<Vec<_>>()];
-        for key in keys {
-            let value = |rows: &Vec<[String; 4]>| {
-                rows.iter()
-                    .find(|[own, ..]| own == key)
-                    .map_or_else(|| "–".into(), |[_, value, ..]| value.clone())
+    match (&all[..], configs) {
+        ([one], _) => keys(one),
+        ([first, ..], [(name, _), ..]) => {
+            let rows = differences(configs, &all);
+            let differ = if rows.len() > 1 {
+                format!("<p>Where they differ:</p>\n{}", table(&rows))
+            } else {
+                "<p>All are the same.</p>\n".into()
             };
-            let values: Vec<String> = all.iter().map(value).collect();
-            if values.iter().any(|value| *value != values[0]) {
-                rows.push([vec![key.to_owned()], values].concat());
-            }
+            let (name, keys) = (escaped(name), keys(first));
+            format!("{differ}<details>\n<summary>Every key of {name}</summary>\n{keys}</details>\n")
         }
-        html += if rows.len() > 1 { "<p>Where they differ:</p>\n" } else { "<p>All are the same.</p>\n" };
-        if rows.len() > 1 {
-            html += &table(&rows);
-        }
-        let _ = write!(html, "<details>\n<summary>Every key of {}</summary>\n", escaped(configs[0].0));
+        _ => String::new(),
     }
-    html += "<p class=\"note\">Bold: what is not the default.</p>\n<div class=\"scroll\"><table class=\"keys\">\n\
-             <tr><th>key</th><th>value</th><th>default</th><th>meaning</th></tr>\n";
-    for [key, value, default, meaning] in first {
+}
+
+/// A heading with the configs' names, and a row for each key in which they differ.
+fn differences(configs: &[(&str, &Value)], all: &[Vec<[String; 4]>]) -> Vec<Vec<String>> {
+    let heading = std::iter::once("").chain(configs.iter().map(|(name, _)| *name));
+    let mut rows = vec![heading.map(String::from).collect::<Vec<_>>()];
+    let mut seen = BTreeSet::new();
+    for [key, ..] in all.iter().flatten().filter(|[key, ..]| seen.insert(key)) {
+        let value = |rows: &Vec<[String; 4]>| {
+            let own = rows.iter().find(|[own, ..]| own == key);
+            own.map_or_else(|| "–".into(), |[_, value, ..]| value.clone())
+        };
+        let values: Vec<String> = all.iter().map(value).collect();
+        if values.iter().any(|value| *value != values[0]) {
+            rows.push([vec![key.clone()], values].concat());
+        }
+    }
+    rows
+}
+
+/// The table of a config's keys.
+fn keys(settings: &[[String; 4]]) -> String {
+    let mut html = String::from(
+        "<p class=\"note\">Bold: what is not the default.</p>\n<div class=\"scroll\"><table class=\"keys\">\n\
+         <tr><th>key</th><th>value</th><th>default</th><th>meaning</th></tr>\n",
+    );
+    for [key, value, default, meaning] in settings {
         let class = if value == default { "" } else { " class=\"set\"" };
-        let cells: String =
-            [value, default, meaning].map(|cell| format!("<td>{}</td>", escaped(cell))).concat();
+        let cells = [value, default, meaning].map(|cell| format!("<td>{}</td>", escaped(cell))).concat();
+        // Writing to a string cannot fail.
         let _ = writeln!(html, "<tr{class}><td><code>{}</code></td>{cells}</tr>", escaped(key));
     }
-    html += "</table></div>\n";
-    if !others.is_empty() {
-        html += "</details>\n";
-    }
-    html
+    html + "</table></div>\n"
 }
 
 /// A config as a file to be saved.

@@ -18,10 +18,7 @@ fn stdout(arguments: &[&str]) -> String {
 
 /// The schemas of the key at a path: one, or that of each alternative that has it.
 fn schemas_at<'a>(schema: &'a Value, path: &str) -> Vec<&'a Value> {
-    let Some((name, rest)) = path.split_once('.').map_or(Some((path, None)), |(a, b)| Some((a, Some(b))))
-    else {
-        return Vec::new();
-    };
+    let (name, rest) = path.split_once('.').map_or((path, None), |(name, rest)| (name, Some(rest)));
     let own = schema["properties"].get(name).into_iter();
     let shapes = schema["anyOf"].as_array().into_iter().flatten();
     let own = own.flat_map(|member| rest.map_or_else(|| vec![member], |rest| schemas_at(member, rest)));
