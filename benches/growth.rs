@@ -64,9 +64,10 @@ fn resident() -> f64 {
 }
 
 /// Bytes of a transition in a memory that has been filled one and a half times with the episodes of a policy that is
-/// random with probability `epsilon` and else balances. Small memories are measured by the hundred.
+/// random with probability `epsilon` and else balances. Small memories are measured by the thousand, as what else the
+/// process touches for the first time counts too.
 fn bytes_per_transition(capacity: usize, epsilon: f64) -> f64 {
-    let copies = (10_000_000 / capacity).clamp(1, 500);
+    let copies = 10_000_000 / capacity;
     let before = resident();
     let mut memories: Vec<_> = (0..copies).map(|_| Replay::new(capacity, 4)).collect();
     let mut rng = Rng::from_seed(0);

@@ -1,16 +1,18 @@
-"""Our figures beside those of PyTorch, JAX, Keras and Gymnasium on this machine, one thread each, in turns.
+"""Our figures beside those of PyTorch, JAX, PureJaxRL, Keras and Gymnasium on this machine, one thread each, in turns.
 
 `run.sh` installs them and calls this. `compare.py PART …` does only some of: update single training startup.
 """
 
 import json
 import os
+import platform
 import re
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 # One CPU for this process and all that it starts.
@@ -129,18 +131,30 @@ def our_training(binary, config, *sets, folder=None):
 
 
 def training():
-    """Whole runs. Theirs is cut short, and its steps/s taken to the whole run; ours is whole."""
+    """Whole runs in turns. PyTorch's is cut short, and its steps/s taken to the whole run; PureJaxRL's compiles before
+    the clock starts. Ours is whole."""
     binary = build_binary()
     short, warmup, whole = 50_000, 10_000, 500_000
-    for _ in range(2):
-        summary, _, memory = our_training(binary, HERE / "cleanrl.json")
-        out, _, their_memory = child(sys.executable, HERE / "torch_dqn.py", short)
+    memory = {}
+
+    def ours():
+        summary, _, memory["ours"] = our_training(binary, HERE / "cleanrl.json")
+        return summary["wall_seconds"] * 1e6
+
+    def pytorch():
+        out, _, memory["PyTorch"] = child(sys.executable, HERE / "torch_dqn.py", short)
         parts = json.loads(out)
-        theirs = parts["before_learning"] + parts["learning"] * (whole - warmup) / (short - warmup)
-        ours = summary["wall_seconds"]
-        print(f"CleanRL's settings, {whole} steps: ours {ours:.2f} s ({summary['updates']} updates), {memory:.1f} MB")
-        print(f"  PyTorch {parts} for {short} steps: {theirs:.1f} s for {whole}, {their_memory:.0f} MB")
-        print(f"  time {theirs / ours:.1f} x, memory {their_memory / memory:.1f} x", flush=True)
+        print(f"PyTorch, {short} steps: {parts}")
+        return (parts["before_learning"] + parts["learning"] * (whole - warmup) / (short - warmup)) * 1e6
+
+    def purejaxrl():
+        out, _, memory["PureJaxRL"] = child(sys.executable, HERE / "purejaxrl_dqn.py")
+        print(f"PureJaxRL: {out}", end="")
+        return json.loads(out)["training"] * 1e6
+
+    compare("CleanRL's settings", ours, {"PyTorch": pytorch, "PureJaxRL": purejaxrl}, rounds=3)
+    for name, megabytes in memory.items():
+        print(f"{name}: peak memory {megabytes:.1f} MB, {megabytes / memory['ours']:.1f} x", flush=True)
 
     tutorial = ROOT / "configs/tutorial.json"
     sets = ("replay.update=minibatch", "budget.steps=200000", "evaluation.every_steps=1000000")
@@ -160,7 +174,18 @@ def startup():
     compare("a run of one step", lambda: run("/dev/shm"), {"on disk": lambda: run(None), "PyTorch": importing})
 
 
+def versions():
+    """What is measured, on what."""
+    names = [line.split("==")[0] for line in (HERE / "requirements.txt").read_text().split()]
+    cpu = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name"))
+    commit = output("git", "-C", ROOT, "describe", "--always", "--dirty").strip()
+    print(f"commit {commit}, {output('rustc', '--version').strip()}, {cpu.split(': ')[1]}")
+    libraries = ", ".join(f"{name} {version(name)}" for name in names)
+    print(f"Python {platform.python_version()}, {libraries}", flush=True)
+
+
 if __name__ == "__main__":
+    versions()
     parts = {"update": update, "single": single, "training": training, "startup": startup}
     for part in sys.argv[1:] or parts:
         parts[part]()

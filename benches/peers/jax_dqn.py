@@ -34,11 +34,11 @@ def loss(online, target, batch):
     return jnp.mean((q - targets) ** 2)
 
 
-def adam(step, parameter, gradient, m, v):
+def adam(step, parameter, gradient, m, v, learning_rate=LEARNING_RATE):
     m = BETA1 * m + (1 - BETA1) * gradient
     v = BETA2 * v + (1 - BETA2) * gradient**2
     scaled = (m / (1 - BETA1**step)) / (jnp.sqrt(v / (1 - BETA2**step)) + EPSILON)
-    return parameter - LEARNING_RATE * scaled, m, v
+    return parameter - learning_rate * scaled, m, v
 
 
 def updates(hidden, batch):

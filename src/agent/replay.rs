@@ -119,7 +119,7 @@ pub struct Replay {
     rewards: Vec<f32>,
     ends: Vec<End>,
     /// The slots whose transition ended an episode, the oldest first, and the observations it ended with.
-    final_slots: Vec<usize>,
+    final_slots: Vec<u32>,
     final_observations: Vec<f32>,
     /// How many of them, from the front, belong to transitions that are forgotten.
     forgotten_finals: usize,
@@ -131,7 +131,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// An empty memory for `capacity` transitions.
+    /// An empty memory for `capacity` transitions, fewer than 2³².
     pub fn new(capacity: usize, observation_size: usize) -> Self {
         let slots = capacity + 1;
         Self {
@@ -186,20 +186,33 @@ impl Replay {
             let following = self.following(slot);
             self.observation_mut(following).copy_from_slice(transition.next_observation);
         } else {
-            self.final_slots.push(slot);
+            self.make_room_for_a_final();
+            self.final_slots.push(slot as u32);
             self.final_observations.extend(transition.next_observation);
         }
     }
 
-    /// Forgets the final observation of a transition if it has one, and frees the room when half of it is forgotten.
+    /// Forgets the final observation of a transition if it has one.
     fn forget_final_of(&mut self, slot: usize) {
-        if self.final_slots.get(self.forgotten_finals) == Some(&slot) {
+        if self.final_slots.get(self.forgotten_finals) == Some(&(slot as u32)) {
             self.forgotten_finals += 1;
         }
-        if self.forgotten_finals > self.final_slots.len() / 2 {
+    }
+
+    /// Takes the room of the forgotten ones if they are a sixteenth, or else that much more: with what `Vec` grows by,
+    /// a small memory of short episodes would take more than 24 bytes a transition.
+    fn make_room_for_a_final(&mut self) {
+        let sixteenth = self.final_slots.len() / 16;
+        if self.final_slots.len() < self.final_slots.capacity() {
+            return;
+        }
+        if self.forgotten_finals > sixteenth {
             self.final_slots.drain(..self.forgotten_finals);
             self.final_observations.drain(..self.forgotten_finals * self.observation_size);
             self.forgotten_finals = 0;
+        } else {
+            self.final_slots.reserve_exact(sixteenth + 1);
+            self.final_observations.reserve_exact((sixteenth + 1) * self.observation_size);
         }
     }
 
@@ -329,7 +342,7 @@ impl Replay {
         }
         let age = self.age(slot);
         let finals = &self.final_slots[self.forgotten_finals..];
-        let index = self.forgotten_finals + finals.partition_point(|&slot| self.age(slot) < age);
+        let index = self.forgotten_finals + finals.partition_point(|&slot| self.age(slot as usize) < age);
         &self.final_observations[index * self.observation_size..][..self.observation_size]
     }
 }
