@@ -7,6 +7,8 @@ mod cli_eval;
 mod config;
 mod golden_physics;
 mod golden_update;
+#[cfg(unix)]
+mod hostile;
 mod kernels;
 mod replay;
 mod report;
