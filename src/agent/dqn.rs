@@ -78,12 +78,15 @@ struct Buffers {
     next_observation: Vec<f32>,
 }
 
-/// A loss or a weight became NaN or infinite.
+/// A loss, a gradient or a weight became NaN or infinite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotFinite {
     /// The loss of a minibatch.
     #[error("the loss")]
     Loss,
+    /// The gradient of a minibatch. Adam's step makes a weight of it that is not finite either.
+    #[error("the gradient")]
+    Gradient,
     /// A weight after Adam's step.
     #[error("a weight")]
     Weight,
@@ -169,6 +172,7 @@ impl Dqn {
 
         match (loss.is_finite(), finite) {
             (false, _) => Err(NotFinite::Loss),
+            (true, false) if !gradient.parameters().iter().all(|g| g.is_finite()) => Err(NotFinite::Gradient),
             (true, false) => Err(NotFinite::Weight),
             (true, true) => Ok(loss),
         }

@@ -17,6 +17,7 @@ mod watch;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 
 use crate::checkpoint::{CheckpointError, Problem};
@@ -101,7 +102,7 @@ impl From<NoView> for Failure {
 
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
-    let command = Arguments::parse().command;
+    let command = Arguments::try_parse().unwrap_or_else(|error| with_tip(error).exit()).command;
     let path = kernels::Path::from_environment().map_err(|error| Failure::BadInput(error.to_string()));
     let result = path.and_then(|_| match command {
         Command::Train(arguments) => train::run(arguments),
@@ -124,6 +125,18 @@ pub fn run() -> ExitCode {
     // A closed stderr leaves nobody to tell.
     let _ = writeln!(io::stderr(), "{message}");
     ExitCode::from(exit_code)
+}
+
+/// An error of usage, with what the user may have meant where clap finds nothing.
+fn with_tip(mut error: clap::Error) -> clap::Error {
+    let takes_config =
+        std::env::args().nth(1).is_some_and(|command| command == "train" || command == "study");
+    let is_unknown = error.kind() == ErrorKind::UnknownArgument;
+    if takes_config && is_unknown && error.get(ContextKind::SuggestedArg).is_none() {
+        let tip = "a config file is given as --config FILE, a key of the config as --set KEY=VALUE";
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    error
 }
 
 /// Parses a seed.

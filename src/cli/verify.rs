@@ -13,8 +13,8 @@ use super::run_dir::{RunDir, bad};
 use super::signals::Signals;
 use super::train::Record;
 use super::{Failure, print};
-use crate::checkpoint::Checkpoint;
-use crate::config::difference;
+use crate::checkpoint::{Checkpoint, sha256};
+use crate::config::{MAX_BYTES, difference};
 use crate::env::CartPole;
 use crate::files::{open_ordinary, read_limited, read_text_limited};
 use crate::sink::Console;
@@ -55,8 +55,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let signals = Signals::listen()?;
     let (run, mut config) = RunDir::open(&arguments.run)?;
     let _shared = run.share()?;
+    let summary = if run.summary().exists() { Some(read_summary(&run)?) } else { None };
     let mut extent = Extent { env_steps: None, lines: u64::MAX };
-    if !run.summary().exists() {
+    if summary.is_none() {
         let last = load(&run.last(), &config)?;
         extent = Extent { env_steps: Some(last.progress().env_steps), lines: last.progress().events };
         config = last.config().clone();
@@ -71,8 +72,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let reason = train(&mut trainer, &mut sinks, &again, &extent, &signals)?;
     drop(sinks);
     let mut differences = compare_files(&run, &again, &extent)?;
-    if extent.env_steps.is_none() {
-        differences.extend(compare_summaries(&run, &Record::new(&again, &trainer, reason, 0.0))?);
+    if let Some(recorded) = summary {
+        differences.extend(compare_summaries(recorded, &Record::new(&again, &trainer, reason, 0.0)));
     }
     report(&differences, &extent, arguments)
 }
@@ -111,6 +112,12 @@ fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<St
         let (path, repeated) = (run.checkpoints().join(name), again.checkpoints().join(name));
         if name == BEST && extent.env_steps.is_some_and(|last| step_of(&path).is_some_and(|step| step > last))
         {
+            continue;
+        }
+        // A process that was killed as it wrote the next one leaves the last one under both names.
+        let is_last =
+            || read_limited(&path, MAX_CHECKPOINT).ok() == read_limited(&run.last(), MAX_CHECKPOINT).ok();
+        if name == PREVIOUS && extent.env_steps.is_some() && is_last() {
             continue;
         }
         let problem = match (read_limited(&path, MAX_CHECKPOINT), repeated.exists()) {
@@ -160,11 +167,24 @@ fn step_of(best: &Path) -> Option<u64> {
     Some(Checkpoint::read(best).ok()?.header::<Header>().ok()?.env_steps)
 }
 
-/// What the summaries differ in, but for the circumstances of the training.
-fn compare_summaries(run: &RunDir, repeated: &Record) -> Result<Option<String>, Failure> {
+/// The recorded summary, if it is of the config beside it: another config may train for ever.
+fn read_summary(run: &RunDir) -> Result<Value, Failure> {
     let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(failed)?;
-    let recorded = serde_json::from_str(&text)
+    let summary: Value = serde_json::from_str(&text)
         .map_err(|error| bad(run.path(), &format!("has a damaged summary.json: {error}")))?;
+    let config = sha256([read_limited(&run.config(), MAX_BYTES).map_err(failed)?]);
+    if summary["config_sha256"] != config {
+        return Err(Failure::Failed(format!(
+            "{} does not agree: the SHA-256 of its config.json is {config}, and summary.json says {}",
+            run.path().display(),
+            summary["config_sha256"]
+        )));
+    }
+    Ok(summary)
+}
+
+/// What the summaries differ in, but for the circumstances of the training.
+fn compare_summaries(recorded: Value, repeated: &Record) -> Option<String> {
     let outcome = |mut summary: Value| {
         if let Some(fields) = summary.as_object_mut() {
             Record::CIRCUMSTANCES.iter().for_each(|field| drop(fields.remove(*field)));
@@ -172,7 +192,7 @@ fn compare_summaries(run: &RunDir, repeated: &Record) -> Result<Option<String>, 
         summary
     };
     let difference = difference("", &outcome(recorded), &outcome(json!(repeated)));
-    Ok(difference.map(|difference| format!("summary.json: {difference}")))
+    difference.map(|difference| format!("summary.json: {difference}"))
 }
 
 fn report(differences: &[String], extent: &Extent, arguments: &Arguments) -> Result<(), Failure> {

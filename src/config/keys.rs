@@ -152,7 +152,9 @@ impl fmt::Display for Allowed {
             Self::Integer(low, u64::MAX) => write!(f, "an integer from {low} to 2^64 - 1"),
             Self::Integer(low, high) => write!(f, "an integer from {low} to {high}"),
             Self::Number(range, _) => write!(f, "a number {range}"),
-            Self::LayerSizes => write!(f, "a list of at most 16 integers, each from 1 to 4096"),
+            Self::LayerSizes => {
+                write!(f, "a list of at most 16 integers, each from 1 to 4096, such as [24, 24]")
+            }
             Self::Scales => {
                 write!(
                     f,

@@ -199,10 +199,11 @@ fn keys_in(prefix: &str) -> String {
 fn nearest_key(key: &str) -> String {
     const MAX_LENGTH: usize = 64;
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_string();
-    // The right name in the wrong group counts almost as much.
+    // The right name in the wrong group counts almost as much, a wrong name in the right group not at all.
     let likeness = |known: &str| {
         let like = strsim::normalized_damerau_levenshtein;
-        like(key, known).max(0.9 * like(&last(key), &last(known)))
+        let name = like(&last(key), &last(known));
+        if name > 0.3 { like(key, known).max(0.9 * name) } else { 0.0 }
     };
     let known =
         KEYS.iter().filter(|_| key.len() <= MAX_LENGTH).map(|known| (likeness(known.path), known.path));

@@ -182,6 +182,16 @@ refusals! {
         [], ["train", "--set", "replay.capacity=16"] => ["`replay.batch_size` is 32", "`replay.capacity`", "16"];
     refuses_a_budget_that_ends_before_learning:
         [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1001", "`replay.warmup_steps`"];
+    refuses_a_config_without_its_flag_and_names_it:
+        [("my.json", b"{}")], ["train", "my.json"] => ["'my.json'", "--config FILE"];
+    refuses_a_key_as_a_flag_and_names_set: [], ["train", "--lr", "0.1"] => ["'--lr'", "--set KEY=VALUE"];
+    refuses_a_set_with_a_space: [], ["train", "--set", "gamma", "0.9"] => ["'0.9'", "--set KEY=VALUE"];
+    refuses_the_short_name_of_a_key_and_lists_its_group:
+        [], ["train", "--set", "optimizer.lr=0.1"] => ["`optimizer.lr`", "`learning_rate`"];
+    refuses_layers_that_are_no_list: [], ["train", "--set", "network.hidden=24,24"] => ["\"24,24\"", "such as [24, 24]"];
+    refuses_a_trailing_comma: [("my.json", b"{\"gamma\": 0.9,}")], CONFIG => ["my.json", "trailing comma", "line 1"];
+    refuses_a_number_of_steps_in_place_of_a_budget:
+        [("my.json", b"{\"budget\": 1000}")], CONFIG => ["`budget` is 1000", "`steps`, `episodes`"];
     refuses_a_missing_config: [], CONFIG => ["my.json", "No such file"];
     refuses_a_folder_as_config: [("my.json/x", b"")], CONFIG => ["my.json", "directory", "takes a JSON file"];
     refuses_an_out_that_is_a_file: [("f", b"mine")], ["train", "--out", "f"] => ["f is a file", "--out"];

@@ -10,6 +10,8 @@ mod cli_tensorboard;
 mod config;
 mod golden_physics;
 mod golden_update;
+#[cfg(unix)]
+mod hostile;
 mod kernels;
 mod replay;
 mod report;

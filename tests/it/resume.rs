@@ -17,7 +17,7 @@ const BEST: &str = "run/checkpoints/best.safetensors";
 
 /// Runs of the same command end in the same files, but for what says how long it took and where.
 #[track_caller]
-fn assert_same_runs(sandbox: &Sandbox, a: &str, b: &str) {
+pub(crate) fn assert_same_runs(sandbox: &Sandbox, a: &str, b: &str) {
     let files = |run: &str| -> BTreeMap<PathBuf, Vec<u8>> {
         let folder = sandbox.path(run);
         let name = |path: PathBuf| Some(path.strip_prefix(&folder).ok()?.to_owned());
@@ -367,4 +367,37 @@ fn a_run_of_format_version_1_cannot_go_on() {
     let old = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/checkpoints/version1-last.safetensors");
     fs::copy(old, sandbox.path(LAST)).unwrap();
     sandbox.refuses(&["train", "--resume", "run"], &[LAST, "format version 1", "train again"]);
+}
+
+/// `train` that can write no file of more than `blocks` × 512 bytes: every write past that fails, as on a failing disk.
+fn train_with_small_files(sandbox: &Sandbox, blocks: u32, arguments: &[&str]) -> assert_cmd::assert::Assert {
+    let mut command = assert_cmd::Command::new("sh");
+    command.current_dir(sandbox.path(".")).args([
+        "-c",
+        &format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\""),
+        assert_cmd::cargo::cargo_bin!("cartpole-dqn").to_str().unwrap(),
+    ]);
+    command.args(arguments).assert()
+}
+
+#[test]
+fn a_write_that_fails_ends_the_run_with_its_last_good_checkpoint_and_loses_nothing() {
+    for (file, settings) in [
+        // Checkpoints grow with the replay memory, metrics with every episode.
+        ("last.safetensors", &["budget.steps=3000", "replay.capacity=5000"][..]),
+        ("an event", &["budget.steps=9000", "replay.capacity=60"]),
+    ] {
+        let sandbox = Sandbox::new();
+        let train = [&["train", "--quiet"], &sets(TINY)[..], &sets(settings)].concat();
+        sandbox.run(&[&train[..], &["--out", "whole"]].concat()).success();
+        let failed = train_with_small_files(&sandbox, 40, &[&train[..], &["--out", "run"]].concat());
+        let said = predicate::str::contains(file).and(predicate::str::contains("File too large"));
+        let hint = predicate::str::contains("checkpoint is kept in run")
+            .and(predicate::str::contains("train --resume run"));
+        failed.code(1).stdout("").stderr(said.and(hint));
+        assert!(!sandbox.path("run/summary.json").exists());
+        sandbox.run(&["verify", "run", "--quiet"]).success();
+        sandbox.run(&["train", "--quiet", "--resume", "run"]).success();
+        assert_same_runs(&sandbox, "whole", "run");
+    }
 }

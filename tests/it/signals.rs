@@ -5,6 +5,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use crate::cli::{Sandbox, TINY, sets};
+use crate::resume::assert_same_runs;
 
 /// `train` in the background, its first episode over.
 fn start(sandbox: &Sandbox, arguments: &[&str]) -> Child {
@@ -51,7 +52,12 @@ fn a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code() {
         assert!(message.contains("stopped after step ") && !message.contains("error"), "{message}");
         assert!(!sandbox.path("run/summary.json").exists());
         assert!(!sandbox.read("run/metrics.jsonl").contains("\"end\""));
-        sandbox.run(&["inspect", "--checkpoint", "run/checkpoints/last.safetensors"]).success();
+        assert!(message.contains(" train --resume run\n"), "{message}");
+        let steps = message.split("stopped after step ").nth(1).and_then(|text| text.split(';').next());
+        let budget = format!("budget.steps={}", steps.unwrap().parse::<u64>().unwrap() + 60);
+        sandbox.run(&["train", "--quiet", "--resume", "run", "--set", &budget]).success();
+        sandbox.train(&["--quiet", "--out", "whole", "--set", &budget]).success();
+        assert_same_runs(&sandbox, "whole", "run");
     }
 }
 

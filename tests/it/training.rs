@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use cartpole_dqn::agent::{Dqn, Greedy, Policy, Probes, Transition};
+use cartpole_dqn::agent::{Dqn, Greedy, NotFinite, Policy, Probes, Transition};
 use cartpole_dqn::checkpoint::{Checkpoint, weights_sha256};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{CartPole, Environment, Step, TimeLimit};
@@ -134,6 +134,24 @@ fn a_run_that_diverges_names_the_step() {
     let TrainError::Diverged { env_steps, .. } = error else { panic!("{error}") };
     assert_eq!(env_steps, trainer.progress().env_steps);
     assert!(error.to_string().contains(&format!("environment step {env_steps}")), "{error}");
+}
+
+/// Hidden units of 1e-36 and weights of 1e38 behind them: the Q-values are 600, the first layer's gradient overflows.
+#[test]
+fn a_loss_a_gradient_and_a_weight_that_leave_the_finite_are_told_apart() {
+    let mut agent = experienced(&[]);
+    agent.online.layer_mut(0).fill(0.0);
+    agent.online.layer_mut(0)[4 * 6..].fill(1e-36);
+    agent.online.layer_mut(1)[..6 * 2].fill(1e38);
+    assert_eq!(agent.learn(), Err(NotFinite::Gradient));
+
+    let mut agent = experienced(&[]);
+    agent.online.parameters_mut().fill(1e20);
+    assert_eq!(agent.learn(), Err(NotFinite::Loss));
+
+    let mut agent = experienced(&[]);
+    agent.adam.learning_rate = 1e300;
+    assert_eq!(agent.learn(), Err(NotFinite::Weight));
 }
 
 /// Keras' loop in the tutorial: act, step, store, learn; after episode e: ε × decay, copy if e % 10 == 0.
