@@ -29,6 +29,12 @@ ended() {
     shows "echo us''able"
     shows '^usable$'
 }
+# Waits until the shell knows it.
+resize() {
+    mux resize-window -t view -x "$1" -y "$2"
+    press "clear; until [ \"\$(stty size)\" = '$2 $1' ]; do sleep 0.1; done; echo re''sized" Enter
+    shows '^resized$'
+}
 
 mux new-session -d -s view -x 80 -y 24 -c "$tmp" 'PS1="$ " bash --norc'
 
@@ -64,13 +70,13 @@ press q
 shows '^trained '
 ended 0
 
-mux resize-window -t view -x 60 -y 24
+resize 60 24
 run train --live --out refused
 shows '60 × 24'
 ended 2
 test ! -e "$tmp/refused"
 # A terminal that goes away takes its view along.
-mux resize-window -t view -x 80 -y 24
+resize 80 24
 run watch --checkpoint "$checkpoint"
 shows 'plays'
 mux kill-server
