@@ -11,6 +11,8 @@ mod scene;
 mod watch;
 
 use std::io::{self, IsTerminal};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
 use std::time::Duration;
 
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -58,17 +60,33 @@ pub fn check_terminal() -> Result<(), NoView> {
 }
 
 /// The terminal in the hands of a view; dropped, or in a panic, it is as before.
-struct Screen(DefaultTerminal);
+struct Screen {
+    terminal: DefaultTerminal,
+    keys: Receiver<KeyEvent>,
+}
 
 impl Screen {
     fn open() -> Result<Self, NoView> {
         check_terminal()?;
         let opened = ratatui::try_init();
-        Ok(Self(opened.inspect_err(|_| drop(ratatui::try_restore()))?))
+        let terminal = opened.inspect_err(|_| drop(ratatui::try_restore()))?;
+        // In a thread of its own, which ends with the process: crossterm never returns once a terminal has gone away.
+        let (sender, keys) = channel();
+        thread::Builder::new().name("keys".into()).spawn(move || {
+            while let Ok(event) = event::read() {
+                if let Event::Key(key) = event
+                    && key.kind != KeyEventKind::Release
+                    && sender.send(key).is_err()
+                {
+                    return;
+                }
+            }
+        })?;
+        Ok(Self { terminal, keys })
     }
 
     fn draw(&mut self, content: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
-        self.0.draw(|frame| match frame.area() {
+        self.terminal.draw(|frame| match frame.area() {
             Rect { width, height, .. } if width < SMALLEST.width || height < SMALLEST.height => {
                 let text = format!("at least {} × {} characters", SMALLEST.width, SMALLEST.height);
                 frame.render_widget(Paragraph::new(text), frame.area());
@@ -80,9 +98,10 @@ impl Screen {
 
     /// The next key that is pressed within `time`.
     fn key(&self, time: Duration) -> io::Result<Option<KeyEvent>> {
-        match event::poll(time)?.then(event::read).transpose()? {
-            Some(Event::Key(key)) if key.kind != KeyEventKind::Release => Ok(Some(key)),
-            _ => Ok(None),
+        match self.keys.recv_timeout(time) {
+            Ok(key) => Ok(Some(key)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(error @ RecvTimeoutError::Disconnected) => Err(io::Error::other(error)),
         }
     }
 }

@@ -113,13 +113,6 @@ struct View {
 
 impl View {
     fn run(mut self) -> io::Result<()> {
-        let result = self.show();
-        // Also where the terminal has failed: nobody could see or stop the run any longer.
-        self.stop.store(true, Ordering::Relaxed);
-        result
-    }
-
-    fn show(&mut self) -> io::Result<()> {
         let mut last = Instant::now();
         loop {
             self.take_messages();
@@ -161,5 +154,12 @@ impl View {
             KeyCode::Char(' ') => self.shared.set_pace(pace, !paused),
             _ => {}
         }
+    }
+}
+
+/// Also where the terminal has failed, or in a panic: nobody could see or stop the run any longer.
+impl Drop for View {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
     }
 }
