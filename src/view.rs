@@ -34,10 +34,13 @@ const FRAME: Duration = Duration::from_millis(20);
 #[derive(Debug, thiserror::Error)]
 pub enum NoView {
     /// Input or output goes somewhere else.
-    #[error("standard input and output are not a terminal")]
+    #[error(
+        "standard input and output are not a terminal, which this view needs; `train` alone shows its progress anywhere, \
+         and `render` draws an episode into a file"
+    )]
     NoTerminal,
     /// The terminal cannot hold it.
-    #[error("the terminal has {} × {} characters, and {} × {} are needed", .0.width, .0.height, SMALLEST.width, SMALLEST.height)]
+    #[error("the terminal has {} × {} characters, and {} × {} are needed; make it larger", .0.width, .0.height, SMALLEST.width, SMALLEST.height)]
     TooSmall(Size),
     /// The terminal does not do what it is told.
     #[error("the terminal cannot be used: {0}")]
