@@ -1,12 +1,11 @@
 //! `cartpole-dqn config`
 
 use std::fmt::Write;
-use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use schemars::schema_for;
 
-use super::train::{resolve, sets};
+use super::train::Layers;
 use super::{Failure, print, print_json};
 use crate::config::{Config, Setting};
 
@@ -31,15 +30,8 @@ enum Command {
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn config show --config configs/tutorial.json --set gamma=0.99")]
 struct Show {
-    /// Config file (JSON); without it the built-in default, configs/cartpole.json
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Seed of the run, 0…2⁶⁴−1; wins over config and --set
-    #[arg(long, value_name = "N", value_parser = super::seed, allow_negative_numbers = true)]
-    seed: Option<u64>,
-    /// Set one config key, for instance optimizer.learning_rate=0.001; repeatable
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    layers: Layers,
     /// Print the config as JSON, alone on standard output: a valid --config
     #[arg(long)]
     json: bool,
@@ -47,8 +39,8 @@ struct Show {
 
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
-        Command::Show(Show { config, seed, set, json }) => {
-            let config = resolve(config.as_deref(), &sets(&set, seed))?;
+        Command::Show(Show { layers, json }) => {
+            let config = layers.resolve()?;
             if json { print_json(&config) } else { print(&describe(&config)) }
         }
         Command::Schema => {

@@ -34,15 +34,8 @@ pub(super) const DEFAULT_NAME: &str = "cartpole";
     after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
 )]
 pub(super) struct Arguments {
-    /// Config file (JSON); without it the built-in default, configs/cartpole.json
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Seed of the run, 0…2⁶⁴−1; wins over config and --set
-    #[arg(long, value_name = "N", value_parser = super::seed, allow_negative_numbers = true)]
-    seed: Option<u64>,
-    /// Set one config key, for instance optimizer.learning_rate=0.001; repeatable
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    layers: Layers,
     /// Folder for the run [default: runs/<config name>-s<seed>-<UTC time>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -69,13 +62,47 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// What a config is made of.
+#[derive(Debug, Args)]
+pub(super) struct Layers {
+    /// Config file (JSON); without it the built-in default, configs/cartpole.json
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Seed of the run, 0…2⁶⁴−1; wins over config and --set
+    #[arg(long, value_name = "N", value_parser = super::seed, allow_negative_numbers = true)]
+    seed: Option<u64>,
+    /// Set one config key, for instance optimizer.learning_rate=0.001; repeatable
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl Layers {
+    /// Defaults < file < `--set` < `--seed`.
+    pub(super) fn resolve(&self) -> Result<Config, Failure> {
+        let file = self.config.as_deref();
+        let file = file.map(|path| Ok::<_, Failure>((path.display().to_string(), config::read_file(path)?)));
+        let file = file.transpose()?;
+        let layer = match &file {
+            Some((name, text)) => (name.as_str(), text.as_str()),
+            None => ("the built-in config", DEFAULT_CONFIG),
+        };
+        Ok(Config::from_layers(Some(layer), &self.sets())?)
+    }
+
+    /// `--set` < `--seed`.
+    fn sets(&self) -> Vec<String> {
+        let seed = self.seed.map(|seed| format!("seed={seed}"));
+        self.set.iter().cloned().chain(seed).collect()
+    }
+}
+
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let signals = Signals::listen()?;
     if arguments.live {
         check_terminal()?;
     }
     let started = match &arguments.resume {
-        Some(path) => resume(path, &sets(&arguments.set, arguments.seed))?,
+        Some(path) => resume(path, &arguments.layers.sets())?,
         None => Some(start(&arguments)?),
     };
     let Some((run, metrics, mut trainer)) = started else { return Ok(()) };
@@ -168,31 +195,14 @@ impl Record {
 
 /// A new run in its own folder.
 fn start(arguments: &Arguments) -> Result<Resumed, Failure> {
-    let config = resolve(arguments.config.as_deref(), &sets(&arguments.set, arguments.seed))?;
+    let config = arguments.layers.resolve()?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, &config));
     let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
     Ok((run, metrics, Trainer::new(config, CartPole::v1())))
 }
 
-/// `--set` < `--seed`.
-pub(super) fn sets(sets: &[String], seed: Option<u64>) -> Vec<String> {
-    let seed = seed.map(|seed| format!("seed={seed}"));
-    sets.iter().cloned().chain(seed).collect()
-}
-
-/// Defaults < file < sets.
-pub(super) fn resolve(file: Option<&Path>, sets: &[String]) -> Result<Config, Failure> {
-    let file = file.map(|path| Ok::<_, Failure>((path.display().to_string(), config::read_file(path)?)));
-    let file = file.transpose()?;
-    let layer = match &file {
-        Some((name, text)) => (name.as_str(), text.as_str()),
-        None => ("the built-in config", DEFAULT_CONFIG),
-    };
-    Ok(Config::from_layers(Some(layer), sets)?)
-}
-
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
-    let stem = arguments.config.as_deref().and_then(Path::file_stem);
+    let stem = arguments.layers.config.as_deref().and_then(Path::file_stem);
     let name = stem.map_or(DEFAULT_NAME.into(), |stem| stem.to_string_lossy());
     let time = jiff::Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ");
     Path::new("runs").join(format!("{name}-s{}-{time}", config.seed))
