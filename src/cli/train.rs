@@ -1,7 +1,7 @@
 //! `cartpole-dqn train`
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use clap::Args;
 use serde::Serialize;
@@ -204,7 +204,7 @@ fn start(arguments: &Arguments) -> Result<Resumed, Failure> {
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
     let stem = arguments.layers.config.as_deref().and_then(Path::file_stem);
     let name = stem.map_or(DEFAULT_NAME.into(), |stem| stem.to_string_lossy());
-    let time = jiff::Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ");
+    let time = humantime::format_rfc3339_millis(SystemTime::now()).to_string().replace(['-', ':', '.'], "");
     Path::new("runs").join(format!("{name}-s{}-{time}", config.seed))
 }
 
