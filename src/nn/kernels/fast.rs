@@ -142,6 +142,8 @@ kernel! {
                     a_column: 1,
                     b: layer.as_ptr(),
                     b_row: outputs,
+                    b_is_transposed: false,
+                    sums_b: false,
                     scratch,
                     c: y.as_mut_slice().as_mut_ptr(),
                 };
@@ -156,6 +158,8 @@ kernel! {
                     a_column: outputs,
                     b: x.as_slice().as_ptr(),
                     b_row: batch,
+                    b_is_transposed: false,
+                    sums_b: false,
                     scratch,
                     c: y.as_mut_slice().as_mut_ptr(),
                 };
@@ -185,6 +189,8 @@ kernel! {
             a_column: 1,
             b: dy.as_slice().as_ptr(),
             b_row: batch,
+            b_is_transposed: false,
+            sums_b: false,
             scratch: scratch.as_mut_ptr(),
             c: dx.as_mut_slice().as_mut_ptr(),
         };
@@ -203,47 +209,38 @@ kernel! {
     ) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
         assert!(dy.nrows() == batch && gradient.len() == (inputs + 1) * outputs);
-        let widest = inputs.max(outputs);
-        assert!(scratch.len() >= scratch_len(batch, widest));
-        let (packed, scratch) = scratch.split_at_mut(PACKED);
-        let (transposed, few) = scratch.split_at_mut(batch * widest);
-        let (transposed, few) = (transposed.as_mut_ptr(), few.as_mut_ptr());
-        let (weight, bias) = gradient.split_at_mut(inputs * outputs);
-        let (weight, bias) = (weight.as_mut_ptr(), bias.as_mut_ptr());
-        let (x, dy) = (x.as_slice().as_ptr(), dy.as_slice().as_ptr());
+        assert!(scratch.len() >= scratch_len(batch, inputs.max(outputs)));
+        let (scratch, few) = scratch.split_at_mut(strip_len(batch));
+        let (scratch, few) = (scratch.as_mut_ptr(), few.as_mut_ptr());
+        let (x, dy) = (x.as_slice(), dy.as_slice());
         let product = Product {
             rows: inputs,
             columns: outputs,
             inner: batch,
-            a: x,
+            a: x.as_ptr(),
             a_row: batch,
             a_column: 1,
-            b: transposed,
-            b_row: outputs,
-            scratch: packed.as_mut_ptr(),
-            c: weight,
+            b: dy.as_ptr(),
+            b_row: batch,
+            b_is_transposed: true,
+            sums_b: true,
+            scratch,
+            c: gradient.as_mut_ptr(),
         };
-        // The bias is the weight of an input that is always 1.
-        let ones = Product { rows: 1, a: &1.0, a_row: 0, a_column: 0, c: bias, ..product };
-        // Few outputs would leave lanes empty: then the lanes lie over the inputs.
-        let swapped = Product { rows: outputs, columns: inputs, a: dy, b_row: inputs, c: few, ..product };
-        let is_swapped = outputs <= FEW && outputs < inputs;
-        // SAFETY: the operands have the asserted sizes; A's strides are 0 where it is one number.
+        // SAFETY: the operands have the asserted sizes; the bias, the sum of B's rows, follows the weight.
         unsafe {
-            if is_swapped {
-                transpose::<V>(x, inputs, batch, transposed);
-                for output in 0..outputs {
-                    let dy = std::slice::from_raw_parts(dy.add(output * batch), batch);
-                    *bias.add(output) = dy.iter().fold(0.0, |sum, dy| sum + dy);
-                }
+            if outputs > FEW || outputs >= inputs {
+                product.compute::<V, TALLEST>(Plain);
             } else {
-                transpose::<V>(dy, outputs, batch, transposed);
-                ones.compute::<V, 1>(Plain);
-            }
-            let product = if is_swapped { swapped } else { product };
-            product.compute::<V, TALLEST>(Plain);
-            if is_swapped {
-                transpose::<V>(few, outputs, inputs, weight);
+                // Few outputs would leave lanes empty: so the lanes lie over the inputs.
+                let (a, b) = (product.b, product.a);
+                let swapped = Product { rows: outputs, columns: inputs, a, b, sums_b: false, c: few, ..product };
+                swapped.compute::<V, TALLEST>(Plain);
+                let (weight, bias) = gradient.split_at_mut(inputs * outputs);
+                transpose::<V>(few, inputs, outputs, inputs, weight.as_mut_ptr(), outputs);
+                for (bias, dy) in bias.iter_mut().zip(dy.chunks_exact(batch)) {
+                    *bias = dy.iter().fold(0.0, |sum, dy| sum + dy);
+                }
             }
         }
     }
@@ -337,20 +334,24 @@ kernel! {
     }
 }
 
-/// The operands of C = start + A B: C is (rows, columns), A (rows, inner), B (inner, columns); C is row-major, A and
-/// B have the given strides.
+/// The operands of C = start + A B: C is (rows, columns), A (rows, inner), B (inner, columns), C row-major.
 #[derive(Clone, Copy)]
 struct Product {
     rows: usize,
     columns: usize,
     inner: usize,
     a: *const f32,
+    /// How far apart A's rows are, and its columns.
     a_row: usize,
     a_column: usize,
     b: *const f32,
+    /// How far apart B's rows are, or those of its transpose if that is what is in memory.
     b_row: usize,
+    b_is_transposed: bool,
+    /// Whether C has one more row: the sum of B's rows.
+    sums_b: bool,
     c: *mut f32,
-    /// Room for [`PACKED`] numbers.
+    /// Room for a strip of B: see [`strip_len`].
     scratch: *mut f32,
 }
 
@@ -365,7 +366,12 @@ const FEW: usize = 4;
 
 /// Numbers of scratch that the kernels need for batches through a network whose widest layer has `widest` units.
 pub const fn scratch_len(batch: usize, widest: usize) -> usize {
-    PACKED + (batch + FEW) * widest
+    strip_len(batch) + FEW * widest
+}
+
+/// Numbers in a strip of B: packed, or `batch` rows of the four widest vectors.
+const fn strip_len(batch: usize) -> usize {
+    if batch * 64 > PACKED { batch * 64 } else { PACKED }
 }
 
 /// What a sum in C starts from, and what is stored of it; `lanes` of its vector are meant.
@@ -482,8 +488,12 @@ impl Product {
         ends: impl Ends,
         column: usize,
     ) {
-        let strip = Self { b: self.b.add(column), ..self };
-        let strip = if FULL && TALLEST > 1 { strip.packed::<V, WIDTH>() } else { strip };
+        let strip = if self.b_is_transposed {
+            self.transposed::<V, WIDTH, FULL>(column)
+        } else {
+            let strip = Self { b: self.b.add(column), ..self };
+            if FULL && TALLEST > 1 { strip.packed::<V, WIDTH>() } else { strip }
+        };
         let mut row = 0;
         macro_rules! tiles {
             ($($height:literal)*) => {{$(
@@ -497,9 +507,22 @@ impl Product {
         match WIDTH {
             1 => tiles!(12 4 1),
             2 => tiles!(12 6 4 2 1),
-            3 => tiles!(8 3 1),
+            3 => tiles!(8 4 3 2 1),
             _ => tiles!(2 1),
         }
+        if self.sums_b {
+            Self { a: &1.0, a_row: 0, a_column: 0, ..strip }.tile::<V, 1, WIDTH, FULL>(ends, row, column);
+        }
+    }
+
+    /// Transposes a strip of B into rows that follow each other.
+    #[inline(always)]
+    unsafe fn transposed<V: Vector, const WIDTH: usize, const FULL: bool>(self, column: usize) -> Self {
+        let width = WIDTH * V::LANES;
+        let columns = if FULL { width } else { self.columns };
+        let from = self.b.add(column * self.b_row);
+        transpose::<V>(from, self.b_row, columns, self.inner, self.scratch, width);
+        Self { b: self.scratch, b_row: width, ..self }
     }
 
     /// Copies a strip of B that is used often enough to rows that follow each other, because rows a power of two
@@ -559,16 +582,25 @@ impl Product {
     }
 }
 
-/// (rows, columns) to (columns, rows), both row-major.
+/// (rows, columns) to (columns, rows), both row-major with rows as far apart as given.
 #[inline(always)]
-unsafe fn transpose<V: Vector>(from: *const f32, rows: usize, columns: usize, to: *mut f32) {
+unsafe fn transpose<V: Vector>(
+    from: *const f32,
+    from_row: usize,
+    rows: usize,
+    columns: usize,
+    to: *mut f32,
+    to_row: usize,
+) {
     let (whole_rows, whole_columns) = (rows - rows % V::BLOCK, columns - columns % V::BLOCK);
     for column in (0..whole_columns).step_by(V::BLOCK) {
         for row in (0..whole_rows).step_by(V::BLOCK) {
-            V::transpose_block(from.add(row * columns + column), columns, to.add(column * rows + row), rows);
+            let (from, to) = (from.add(row * from_row + column), to.add(column * to_row + row));
+            V::transpose_block(from, from_row, to, to_row);
         }
     }
-    let copy = |row: usize, column: usize| *to.add(column * rows + row) = *from.add(row * columns + column);
+    let copy =
+        |row: usize, column: usize| *to.add(column * to_row + row) = *from.add(row * from_row + column);
     for column in whole_columns..columns {
         (0..whole_rows).for_each(|row| copy(row, column));
     }
