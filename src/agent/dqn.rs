@@ -1,5 +1,6 @@
 //! Deep Q-learning (Mnih et al. 2015, "Human-level control through deep reinforcement learning", algorithm 1).
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::statistics::{Probes, Statistics};
@@ -70,8 +71,9 @@ struct Buffers {
     ages: Vec<usize>,
     minibatch: Minibatch,
     targets: Vec<f32>,
-    online: Activations<f32>,
-    target: Activations<f32>,
+    /// What the online network makes of the next observations, for double Q-learning.
+    next_q: DMatrix<f32>,
+    activations: Activations<f32>,
     gradient: Mlp<f32>,
     acting: Activations<f32>,
     observation: Vec<f32>,
@@ -186,8 +188,8 @@ impl Buffers {
             ages: vec![0; batch_size * updates],
             minibatch: Minibatch::new(batch_size, observation_size),
             targets: vec![0.0; batch_size],
-            online: Activations::new(sizes, batch_size),
-            target: Activations::new(sizes, batch_size),
+            next_q: DMatrix::zeros(batch_size, sizes[sizes.len() - 1]),
+            activations: Activations::new(sizes, batch_size),
             gradient: Mlp::zeros(sizes.to_vec()),
             acting: Activations::new(sizes, 1),
             observation: vec![0.0; observation_size],
@@ -202,26 +204,28 @@ impl Buffers {
         online_network: &Mlp<f32>,
         target_network: &Mlp<f32>,
     ) -> f32 {
-        let Self { minibatch, targets, online, target, gradient, .. } = self;
+        let Self { minibatch, targets, next_q, activations, gradient, .. } = self;
         let Minibatch { observations, actions, rewards, discounts, next_observations, terminated, .. } =
             minibatch;
 
-        target.set_input(next_observations);
-        target_network.forward(target);
+        activations.set_input(next_observations);
         if config.double {
-            online.set_input(next_observations);
-            online_network.forward(online);
-            td::double_targets(discounts, rewards, terminated, online.output(), target.output(), targets);
+            online_network.forward(activations);
+            next_q.copy_from(activations.output());
+        }
+        target_network.forward(activations);
+        if config.double {
+            td::double_targets(discounts, rewards, terminated, next_q, activations.output(), targets);
         } else {
-            td::targets(discounts, rewards, terminated, target.output(), targets);
+            td::targets(discounts, rewards, terminated, activations.output(), targets);
         }
 
-        online.set_input(observations);
-        online_network.forward(online);
-        let (q, q_gradient) = online.output_and_gradient_mut();
+        activations.set_input(observations);
+        online_network.forward(activations);
+        let (q, q_gradient) = activations.output_and_gradient_mut();
         let loss = td::loss(config.loss, q, actions, targets, q_gradient);
 
-        online_network.backward(online, gradient);
+        online_network.backward(activations, gradient);
         loss
     }
 }
@@ -292,7 +296,7 @@ impl Dqn {
         let DqnConfig { n_step, gamma, reward_scale, .. } = self.config;
         self.replay.gather(&buffers.ages, n_step, gamma as f32, &mut buffers.minibatch);
         buffers.backpropagate(&self.config, &self.online, &self.target);
-        let (q, actions) = (buffers.online.output(), &buffers.minibatch.actions);
+        let (q, actions) = (buffers.activations.output(), &buffers.minibatch.actions);
         let td_errors = buffers.targets.iter().enumerate().map(|(sample, target)| {
             f64::from(q[(sample, usize::from(actions[sample]))] - target).abs() / reward_scale
         });

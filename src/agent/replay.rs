@@ -335,7 +335,7 @@ impl Replay {
         &mut self.observations[slot * self.observation_size..][..self.observation_size]
     }
 
-    #[inline]
+    #[inline(always)]
     fn next_observation(&self, slot: usize) -> &[f32] {
         if self.ends[slot] == End::Continues {
             return self.observation(self.following(slot));
