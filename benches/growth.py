@@ -98,7 +98,7 @@ def main(csv, picture):
         svg += panel(left, top, title, series, "µs", [points], [line], x_log=series != "depth")
     bytes_of = [[(r["capacity"], r[f"bytes_per_transition_{who}"]) for r in replay] for who in ("trained", "random")]
     flat = [[(r["capacity"], 22.125) for r in replay]]
-    svg += panel(440, 350, "replay memory: trained (blue), random (red)", "capacity", "bytes", bytes_of, flat)
+    svg += panel(440, 350, "trained (blue), random policy (red)", "replay capacity", "bytes", bytes_of, flat)
     head = '<svg xmlns="http://www.w3.org/2000/svg" width="770" height="630" font-family="sans-serif" font-size="12">'
     with open(picture, "w") as file:
         file.write("\n".join([head, '<rect width="100%" height="100%" fill="#fff"/>', *svg, "</svg>\n"]))

@@ -146,6 +146,19 @@ mod kernels {
     /// Items are parameters.
     #[divan::bench(args = LAYERS)]
     fn adam(bencher: Bencher, layer: Layer) {
+        adam_step(bencher, layer, random(layer.parameters(), 1, 1), random(layer.parameters(), 3, 2).abs());
+    }
+
+    /// The weights of a dead unit: no gradient, and a first moment that has decayed into the denormal numbers.
+    #[divan::bench(args = LAYERS)]
+    fn adam_of_dead_units(bencher: Bencher, layer: Layer) {
+        let mut state = random(layer.parameters(), 3, 2).abs();
+        state.column_mut(1).fill(f32::from_bits(1));
+        adam_step(bencher, layer, DMatrix::zeros(layer.parameters(), 1), state);
+    }
+
+    /// `state` is (parameters, 3): the parameters and both moments.
+    fn adam_step(bencher: Bencher, layer: Layer, gradient: DMatrix<f32>, state: DMatrix<f32>) {
         let coefficients = AdamCoefficients {
             beta1: 0.9,
             one_minus_beta1: 0.1,
@@ -155,7 +168,6 @@ mod kernels {
             second_moment_scale: 1.0,
             epsilon: 1e-8,
         };
-        let gradient = random(layer.parameters(), 1, 1);
         type Kernel = fn(&AdamCoefficients<f32>, &mut [f32], &[f32], &mut [f32], &mut [f32]) -> bool;
         let step = |kernel: Kernel, state: &mut DMatrix<f32>| {
             let (parameters, moments) = state.as_mut_slice().split_at_mut(gradient.len());
@@ -165,7 +177,7 @@ mod kernels {
         compare(
             bencher,
             layer.parameters(),
-            random(layer.parameters(), 3, 2).abs(),
+            state,
             |state| step(reference::adam, state),
             |state| step(Float::adam, state),
         );
