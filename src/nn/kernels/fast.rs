@@ -507,7 +507,7 @@ impl Product {
         match WIDTH {
             1 => tiles!(12 4 1),
             2 => tiles!(12 6 4 2 1),
-            3 => tiles!(8 4 3 2 1),
+            3 => tiles!(8 3 2 1),
             _ => tiles!(2 1),
         }
         if self.sums_b {
