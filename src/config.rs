@@ -23,7 +23,7 @@ use layer::{Layer, choose, choose_or_null, invalid, object};
 use crate::agent::{
     DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
 };
-use crate::env::{CartPole, Environment, EnvironmentId};
+use crate::env::{CartPole, Environment, EnvironmentId, TimeLimit};
 use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
@@ -43,6 +43,8 @@ pub struct Config {
     pub seed: u64,
     /// The task.
     pub environment: EnvironmentId,
+    /// Steps after which an episode of training or of an evaluation during training is truncated, 1…1,000,000.
+    pub max_episode_steps: u32,
     /// The Q-network.
     pub network: NetworkConfig,
     /// Adam, the schedule of its step size and the limit of the gradient.
@@ -86,6 +88,7 @@ impl Default for Config {
         Self {
             seed: 0,
             environment: EnvironmentId::CartPoleV1,
+            max_episode_steps: CartPole::MAX_STEPS,
             network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
             optimizer: OptimizerConfig {
                 learning_rate: 1e-3,
@@ -104,6 +107,7 @@ impl Default for Config {
                 batch_size: 32,
                 warmup_steps: 1000,
                 update: UpdateMode::Minibatch,
+                mirror: false,
             },
             learn: LearnConfig { every_steps: 1, updates: 1 },
             exploration: Exploration::Linear { initial: 1.0, final_: 0.05, steps: 10_000 },
@@ -275,6 +279,11 @@ impl Config {
         let units: usize = sizes.iter().sum();
         let ReplayConfig { capacity, batch_size, .. } = self.replay;
         (24 * capacity + 32 * parameters + 16 * batch_size * units) as u64
+    }
+
+    /// The task, as training and its evaluations see it.
+    pub fn make_environment(&self) -> TimeLimit<CartPole> {
+        TimeLimit::new(CartPole::default(), self.max_episode_steps)
     }
 
     /// The agent's part.

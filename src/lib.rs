@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`rng`] | one seed, one stream of random numbers per consumer |
+//! | [`mirror`] | the mirror image of a task |
 //! | [`env`](mod@env) | the cart and the pole, and the time limit |
 //! | [`nn`] | network, backpropagation, losses, Adam, and their kernels |
 //! | [`agent`] | DQN: acting, remembering, learning |
@@ -31,6 +32,7 @@ pub mod cli;
 pub mod config;
 pub mod env;
 pub mod files;
+pub mod mirror;
 pub mod nn;
 pub mod render;
 pub mod report;

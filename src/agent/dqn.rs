@@ -9,6 +9,7 @@ use super::{
     UpdateMode, argmax, td,
 };
 use crate::nn::{Activations, Adam, Loss, Mlp, NetworkConfig, OptimizerConfig, clip_norm};
+use crate::mirror::Mirror;
 use crate::rng::{Rng, Stream};
 
 /// When to learn.
@@ -47,6 +48,8 @@ pub struct Dqn {
     config: DqnConfig,
     /// What each coordinate of an observation is divided by before anything else sees it.
     observation_scale: Vec<f32>,
+    /// With which samples of a minibatch are reflected, if they are.
+    mirror: Option<Mirror>,
     /// Chooses the actions and learns.
     pub online: Mlp<f32>,
     /// Bootstraps the targets: an older copy or a running mean of `online`. Without a target network it is copied at
@@ -76,6 +79,7 @@ struct Buffers {
     activations: Activations<f32>,
     gradient: Mlp<f32>,
     acting: Activations<f32>,
+    row: Vec<f32>,
     observation: Vec<f32>,
     next_observation: Vec<f32>,
 }
@@ -116,10 +120,18 @@ impl Dqn {
             explore_rng: Rng::spawn(seed, Stream::Explore),
             replay_rng: Rng::spawn(seed, Stream::Replay),
             observation_scale,
+            mirror: None,
             online,
             buffers,
             config,
         }
+    }
+
+    /// The same agent, which reflects half of its samples: the task is its own mirror image.
+    #[must_use]
+    pub fn with_mirror(mut self, mirror: Mirror) -> Self {
+        self.mirror = Some(mirror.of_divided(&self.observation_scale));
+        self
     }
 
     /// Remembers what an action brought.
@@ -149,6 +161,7 @@ impl Dqn {
             self.replay.sample(&mut self.replay_rng, &mut ages);
             for ages in ages.chunks_exact(self.buffers.targets.len()) {
                 self.replay.gather(ages, n_step, gamma as f32, &mut self.buffers.minibatch);
+                self.reflect();
                 sum += self.update()?;
                 count += 1.0;
             }
@@ -158,6 +171,16 @@ impl Dqn {
             self.target.move_towards(&self.online, tau as f32);
         }
         Ok(sum / count)
+    }
+
+    /// Replaces every sample of the minibatch by its mirror image with probability ½.
+    fn reflect(&mut self) {
+        let (Some(mirror), Buffers { minibatch, row, .. }) = (&self.mirror, &mut self.buffers) else { return };
+        for sample in 0..minibatch.actions.len() {
+            if self.replay_rng.below(2) == 1 {
+                minibatch.reflect(sample, mirror, row);
+            }
+        }
     }
 
     /// One gradient step on the minibatch; returns its loss.
@@ -192,6 +215,7 @@ impl Buffers {
             activations: Activations::new(sizes, batch_size),
             gradient: Mlp::zeros(sizes.to_vec()),
             acting: Activations::new(sizes, 1),
+            row: Vec::with_capacity(observation_size),
             observation: vec![0.0; observation_size],
             next_observation: vec![0.0; observation_size],
         }

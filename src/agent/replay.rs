@@ -8,6 +8,7 @@
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
+use crate::mirror::Mirror;
 use crate::rng::Rng;
 
 /// Settings of the replay memory.
@@ -22,6 +23,8 @@ pub struct ReplayConfig {
     pub warmup_steps: u64,
     /// How a minibatch is used.
     pub update: UpdateMode,
+    /// Whether every sample of a minibatch is replaced by its mirror image with probability ½.
+    pub mirror: bool,
 }
 
 /// How a minibatch is used.
@@ -79,6 +82,22 @@ impl Minibatch {
             discounts: vec![0.0; batch_size],
             next_observations: DMatrix::zeros(batch_size, observation_size),
             terminated: vec![false; batch_size],
+        }
+    }
+}
+
+impl Minibatch {
+    /// Replaces a sample by its mirror image; `row` is scratch.
+    pub fn reflect(&mut self, sample: usize, mirror: &Mirror, row: &mut Vec<f32>) {
+        let batch = self.actions.len();
+        self.actions[sample] = mirror.actions[usize::from(self.actions[sample])];
+        for observations in [&mut self.observations, &mut self.next_observations] {
+            let values = observations.as_mut_slice();
+            row.clear();
+            row.extend(mirror.observation.iter().map(|&(from, factor)| factor * values[from * batch + sample]));
+            for (feature, &value) in row.iter().enumerate() {
+                values[feature * batch + sample] = value;
+            }
         }
     }
 }

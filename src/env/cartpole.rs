@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Environment, Step, TimeLimit};
+use crate::mirror::Mirror;
 use crate::rng::Rng;
 
 const GRAVITY: f64 = 9.8; // m/s²
@@ -31,6 +32,8 @@ impl CartPole {
     pub const MAX_ANGLE: f64 = 12.0 * 2.0 * std::f64::consts::PI / 360.0;
     /// The length of the pole, in m.
     pub const POLE_LENGTH: f64 = 2.0 * HALF_LENGTH;
+    /// Steps after which an episode of CartPole-v1 is truncated.
+    pub const MAX_STEPS: u32 = 500;
     /// Steps in a second of simulated time.
     pub const STEPS_PER_SECOND: u32 = 50;
 
@@ -41,7 +44,7 @@ impl CartPole {
 
     /// CartPole-v1: the physics under its limit of 500 steps.
     pub fn v1() -> TimeLimit<Self> {
-        TimeLimit::new(Self::default(), 500)
+        TimeLimit::new(Self::default(), Self::MAX_STEPS)
     }
 
     /// One explicit Euler step of the equations of motion (Florian 2007, eqs. 23 and 24, frictionless).
@@ -71,7 +74,12 @@ impl Environment for CartPole {
     const OBSERVATION_SIZE: usize = 4;
     const NUM_ACTIONS: usize = 2;
     const SOLVED_RETURN: f64 = 475.0;
-    const MAX_RETURN: f64 = 500.0;
+    const MAX_RETURN: f64 = Self::MAX_STEPS as f64;
+
+    /// Left and right exchanged: (−s, the other action) leads to −s′.
+    fn mirror() -> Option<Mirror> {
+        Some(Mirror { observation: (0..4).map(|i| (i, -1.0)).collect(), actions: vec![1, 0] })
+    }
 
     fn reset(&mut self, rng: &mut Rng) -> [f32; 4] {
         self.state = std::array::from_fn(|_| rng.uniform(-START_RANGE, START_RANGE));

@@ -8,6 +8,7 @@ mod time_limit;
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
+use crate::mirror::Mirror;
 use crate::rng::Rng;
 
 pub use cartpole::CartPole;
@@ -28,6 +29,11 @@ pub trait Environment: Clone + Serialize + DeserializeOwned {
     const SOLVED_RETURN: f64;
     /// The return that no episode can exceed.
     const MAX_RETURN: f64;
+
+    /// The mirror image of the task, if it has one.
+    fn mirror() -> Option<Mirror> {
+        None
+    }
 
     /// Starts a new episode and returns its first observation.
     fn reset(&mut self, rng: &mut Rng) -> Self::Observation;

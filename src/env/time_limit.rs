@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Environment, Step};
+use crate::mirror::Mirror;
 use crate::rng::Rng;
 
 /// Truncates the episodes of `E` after `max_steps` steps.
@@ -29,6 +30,10 @@ impl<E: Environment> Environment for TimeLimit<E> {
     const SOLVED_RETURN: f64 = E::SOLVED_RETURN;
     const MAX_RETURN: f64 = E::MAX_RETURN;
 
+    fn mirror() -> Option<Mirror> {
+        E::mirror()
+    }
+
     fn reset(&mut self, rng: &mut Rng) -> E::Observation {
         self.elapsed_steps = 0;
         self.environment.reset(rng)
@@ -37,7 +42,7 @@ impl<E: Environment> Environment for TimeLimit<E> {
     fn step(&mut self, action: usize) -> Step<E::Observation> {
         self.elapsed_steps += 1;
         let step = self.environment.step(action);
-        Step { truncated: self.elapsed_steps >= self.max_steps, ..step }
+        Step { truncated: step.truncated || self.elapsed_steps >= self.max_steps, ..step }
     }
 
     fn state(&self) -> &[f64] {

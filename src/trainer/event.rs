@@ -45,7 +45,7 @@ pub enum Event {
         min: f64,
         /// Largest return.
         max: f64,
-        /// Whether it is better than all before, so that this policy became the best checkpoint.
+        /// Whether none before is better, so that this policy became the best checkpoint.
         best: bool,
         /// Whether the mean reached the task's threshold.
         solved: bool,

@@ -97,6 +97,8 @@ pub struct Trainer<E: Environment> {
     agent: Dqn,
     progress: Progress,
     best_policy: Option<Mlp<f32>>,
+    /// Whether [`BEST`] holds it.
+    best_is_saved: bool,
     /// Environment steps before the latest checkpoint.
     saved_at: Option<u64>,
     probes: Probes,
@@ -104,13 +106,23 @@ pub struct Trainer<E: Environment> {
 
 impl<E: Environment> Trainer<E> {
     /// A run of a valid config, before its first step.
+    ///
+    /// # Panics
+    /// When the config asks for mirror images and the environment has none.
     pub fn new(config: Config, mut environment: E) -> Self {
+        let mut agent = Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed);
+        if config.replay.mirror {
+            let mirror = E::mirror();
+            assert!(mirror.is_some(), "replay.mirror needs a task that is its own mirror image");
+            agent = mirror.into_iter().fold(agent, Dqn::with_mirror);
+        }
         let mut environment_rng = Rng::spawn(config.seed, Stream::Environment);
         Self {
             observation: environment.reset(&mut environment_rng),
-            agent: Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed),
+            agent,
             progress: Progress::default(),
             best_policy: None,
+            best_is_saved: true,
             saved_at: None,
             probes: evaluate::probes(&environment),
             environment,
@@ -148,6 +160,7 @@ impl<E: Environment> Trainer<E> {
         self.save_last(sink, checkpoints)?;
         if self.progress.last_evaluation.is_none_or(|last| last.env_steps < self.progress.env_steps) {
             self.evaluate(sink, checkpoints)?;
+            self.update_best(checkpoints)?;
         }
         let Progress { env_steps, episodes, updates, .. } = self.progress;
         self.emit(sink, &Event::End { env_steps, episodes, updates, reason })?;
@@ -206,11 +219,17 @@ impl<E: Environment> Trainer<E> {
         let gamma = self.config.gamma;
         let played = evaluate_discounted(&policy, &self.environment, EVALUATION_SEED, episodes, gamma);
         let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());
-        let event = self.progress.count_evaluation(&score, E::SOLVED_RETURN);
+        // The task is solved under its own time limit, whichever the run has.
+        let returns = played.iter().map(|episode| episode.total.min(E::MAX_RETURN));
+        let is_solved = returns.sum::<f64>() / episodes as f64 >= E::SOLVED_RETURN;
+        let is_better = self.progress.best_evaluation.is_none_or(|best| score.mean > best.mean);
+        let event = self.progress.count_evaluation(&score, is_solved);
         if let Event::Evaluation { best: true, .. } = event {
             self.best_policy = Some(policy);
-            if let Some(folder) = checkpoints {
-                self.save_best(folder)?;
+            self.best_is_saved = false;
+            // Among equals the file may wait for the next checkpoint: the policy in it scores the same.
+            if is_better {
+                self.update_best(checkpoints)?;
             }
         }
         self.emit(sink, &event)?;
@@ -222,6 +241,15 @@ impl<E: Environment> Trainer<E> {
         let overestimation = played.iter().map(overestimated).sum::<f64>() / played.len() as f64;
         let agent = self.agent.statistics(&self.probes);
         self.emit(sink, &Event::Statistics { env_steps: self.progress.env_steps, overestimation, agent })
+    }
+
+    /// Writes [`BEST`] if it does not hold the best policy.
+    fn update_best(&mut self, checkpoints: Option<&Path>) -> Result<(), TrainError> {
+        if let Some(folder) = checkpoints.filter(|_| !self.best_is_saved) {
+            self.save_best(folder)?;
+            self.best_is_saved = true;
+        }
+        Ok(())
     }
 
     /// Writes [`BEST`] into a folder, if there has been an evaluation.
@@ -244,6 +272,7 @@ impl<E: Environment> Trainer<E> {
         sink: &mut dyn EventSink,
         checkpoints: Option<&Path>,
     ) -> Result<(), TrainError> {
+        self.update_best(checkpoints)?;
         let (env_steps, period) = (self.progress.env_steps, self.config.checkpoint.every_steps);
         let Some(folder) = checkpoints.filter(|_| self.saved_at != Some(env_steps)) else { return Ok(()) };
         sink.sync().map_err(|source| TrainError::Sink { env_steps, source })?;
@@ -279,7 +308,7 @@ impl<E: Environment> Trainer<E> {
         &self.progress
     }
 
-    /// The policy with the best evaluation, the first of equals; none before the first evaluation.
+    /// The policy with the best evaluation, the latest of equals; none before the first evaluation.
     pub fn best_policy(&self) -> Option<&Mlp<f32>> {
         self.best_policy.as_ref()
     }

@@ -35,7 +35,7 @@ pub struct Progress {
     pub episodes: u64,
     /// Gradient steps.
     pub updates: u64,
-    /// The best evaluation so far, the first of equals.
+    /// The best evaluation so far, the latest of equals.
     pub best_evaluation: Option<Evaluation>,
     /// The latest evaluation.
     pub last_evaluation: Option<Evaluation>,
@@ -110,10 +110,10 @@ impl Progress {
         event
     }
 
-    pub(super) fn count_evaluation(&mut self, score: &Score, threshold: f64) -> Event {
+    pub(super) fn count_evaluation(&mut self, score: &Score, solved: bool) -> Event {
         let evaluation = Evaluation { env_steps: self.env_steps, mean: score.mean };
-        let best = self.best_evaluation.is_none_or(|best| score.mean > best.mean);
-        let solved = score.mean >= threshold;
+        // The latest of equals: at the time limit the first policy with a full score is the least trained one.
+        let best = self.best_evaluation.is_none_or(|best| score.mean >= best.mean);
         self.last_evaluation = Some(evaluation);
         if best {
             self.best_evaluation = Some(evaluation);
@@ -300,7 +300,7 @@ pub struct Summary {
     pub updates: u64,
     /// Why it ended.
     pub end_reason: EndReason,
-    /// The best evaluation, the first of equals: that of `best.safetensors`.
+    /// The best evaluation, the latest of equals: that of `best.safetensors`.
     pub best_evaluation: Option<Evaluation>,
     /// The evaluation at the end.
     pub final_evaluation: Option<Evaluation>,

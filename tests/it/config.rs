@@ -37,6 +37,7 @@ fn the_default_is_the_documented_plain_dqn() {
     let documented = json!({
         "seed": 0,
         "environment": "CartPole-v1",
+        "max_episode_steps": 500,
         "network": {"hidden": [24, 24], "init": "torch"},
         "optimizer": {
             "learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8,
@@ -46,7 +47,7 @@ fn the_default_is_the_documented_plain_dqn() {
         "gamma": 0.99,
         "n_step": 1,
         "double": false,
-        "replay": {"capacity": 50_000, "batch_size": 32, "warmup_steps": 1000, "update": "minibatch"},
+        "replay": {"capacity": 50_000, "batch_size": 32, "warmup_steps": 1000, "update": "minibatch", "mirror": false},
         "learn": {"every_steps": 1, "updates": 1},
         "exploration": {"schedule": "linear", "initial": 1.0, "final": 0.05, "steps": 10_000},
         "target": {"kind": "hard", "every_steps": 500},
@@ -270,7 +271,7 @@ fn keys_that_are_unknown_or_come_twice_are_refused() {
     refused(
         r#"{"zzz": 1}"#,
         &[],
-        &["unknown key `zzz`", "`seed`, `environment`, `network`", "`stop_when_solved`"],
+        &["unknown key `zzz`", "`seed`, `environment`, `max_episode_steps`, `network`", "`stop_when_solved`"],
     );
     refused(
         r#"{"replay": {"zzz": 1}}"#,

@@ -113,6 +113,41 @@ fn soft_updates_have_the_references_bits() {
     }
 }
 
+/// Without a gradient moments halve here, through the subnormal numbers if those were kept.
+#[test]
+fn moments_that_would_become_subnormal_become_zero_on_every_path() {
+    let coefficients = AdamCoefficients {
+        beta1: 0.5_f32,
+        one_minus_beta1: 0.5,
+        beta2: 0.5,
+        one_minus_beta2: 0.5,
+        step_size: 0.01,
+        second_moment_scale: 1.0,
+        epsilon: 1e-8,
+    };
+    let start = [f32::MIN_POSITIVE * 2.0, f32::MIN_POSITIVE * 1.5, -f32::MIN_POSITIVE, 1.0];
+    let expected = [f32::MIN_POSITIVE, 0.0, 0.0, 0.5];
+    for len in [1, 4, 7, 8, 16, 19] {
+        let gradient = vec![0.0; len];
+        let first: Vec<f32> = (0..len).map(|index| start[index % 4]).collect();
+        let second: Vec<f32> = first.iter().map(|value| value.abs()).collect();
+        let check = |m: &[f32], v: &[f32], what: &str| {
+            for index in 0..len {
+                assert_eq!(m[index].to_bits(), expected[index % 4].to_bits(), "{what}");
+                assert_eq!(v[index].to_bits(), expected[index % 4].to_bits(), "{what}");
+            }
+        };
+        let [mut p, mut m, mut v] = [vec![1.0; len], first.clone(), second.clone()];
+        reference::adam(&coefficients, &mut p, &gradient, &mut m, &mut v);
+        check(&m, &v, "reference");
+        for path in Path::available() {
+            let [mut p, mut m, mut v] = [vec![1.0; len], first.clone(), second.clone()];
+            fast::adam(path, &coefficients, &mut p, &gradient, &mut m, &mut v);
+            check(&m, &v, path.name());
+        }
+    }
+}
+
 #[test]
 fn adam_has_the_references_bits() {
     let mut rng = Rng::from_seed(11);

@@ -13,6 +13,7 @@ mod golden_update;
 #[cfg(unix)]
 mod hostile;
 mod kernels;
+mod mirror;
 mod replay;
 mod report;
 mod report_html;

@@ -274,8 +274,8 @@ kernel! {
                 let g: V = load(gradient.add(index), lanes);
                 let m: V = load(first_moment.add(index), lanes);
                 let v: V = load(second_moment.add(index), lanes);
-                let m = beta1.mul_add(m, one_minus_beta1.mul(g));
-                let v = beta2.mul_add(v, one_minus_beta2.mul(g).mul(g));
+                let m = beta1.mul_add(m, one_minus_beta1.mul(g)).flush();
+                let v = beta2.mul_add(v, one_minus_beta2.mul(g).mul(g)).flush();
                 let step = m.div(v.sqrt().mul_add(second_moment_scale, epsilon));
                 let parameter = minus_step_size.mul_add(step, load(parameters.add(index), lanes));
                 zeros = parameter.mul_add(V::splat(0.0), zeros);

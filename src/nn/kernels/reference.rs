@@ -66,8 +66,8 @@ pub fn adam<T: Float>(
     let mut all_finite = true;
     let moments = first_moment.iter_mut().zip(second_moment);
     for ((parameter, &g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
-        *m = c.beta1.mul_add(*m, c.one_minus_beta1 * g);
-        *v = c.beta2.mul_add(*v, c.one_minus_beta2 * g * g);
+        *m = c.beta1.mul_add(*m, c.one_minus_beta1 * g).flush();
+        *v = c.beta2.mul_add(*v, c.one_minus_beta2 * g * g).flush();
         let step = *m / v.sqrt().mul_add(c.second_moment_scale, c.epsilon);
         *parameter = (-c.step_size).mul_add(step, *parameter);
         all_finite &= *parameter * T::ZERO == T::ZERO;

@@ -26,6 +26,8 @@ pub(super) unsafe trait Vector: Copy {
     unsafe fn mul_add(self, factor: Self, summand: Self) -> Self;
     /// `if self < 0 { 0 } else { self }`
     unsafe fn relu(self) -> Self;
+    /// `if |self| < 2⁻¹²⁶ { 0 } else { self }`
+    unsafe fn flush(self) -> Self;
     /// `if self > 0 { value } else { 0 }`
     unsafe fn positive_then(self, value: Self) -> Self;
 
@@ -85,6 +87,10 @@ unsafe impl Vector for Scalar {
     #[inline(always)]
     unsafe fn relu(self) -> Self {
         Self(self.0.map(|value| if value < 0.0 { 0.0 } else { value }))
+    }
+    #[inline(always)]
+    unsafe fn flush(self) -> Self {
+        Self(self.0.map(super::Float::flush))
     }
     #[inline(always)]
     unsafe fn positive_then(self, value: Self) -> Self {
@@ -172,6 +178,12 @@ mod x86 {
         #[inline(always)]
         unsafe fn relu(self) -> Self {
             Self(_mm256_max_ps(_mm256_setzero_ps(), self.0))
+        }
+        #[inline(always)]
+        unsafe fn flush(self) -> Self {
+            let magnitude = _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0);
+            let smallest = _mm256_set1_ps(f32::MIN_POSITIVE);
+            Self(_mm256_and_ps(_mm256_cmp_ps::<_CMP_NLT_UQ>(magnitude, smallest), self.0))
         }
         #[inline(always)]
         unsafe fn positive_then(self, value: Self) -> Self {
@@ -267,6 +279,11 @@ mod x86 {
         #[inline(always)]
         unsafe fn relu(self) -> Self {
             Self(_mm512_max_ps(_mm512_setzero_ps(), self.0))
+        }
+        #[inline(always)]
+        unsafe fn flush(self) -> Self {
+            let (magnitude, smallest) = (_mm512_abs_ps(self.0), _mm512_set1_ps(f32::MIN_POSITIVE));
+            Self(_mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_NLT_UQ>(magnitude, smallest), self.0))
         }
         #[inline(always)]
         unsafe fn positive_then(self, value: Self) -> Self {
