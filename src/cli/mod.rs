@@ -98,7 +98,7 @@ impl From<NoView> for Failure {
     fn from(error: NoView) -> Self {
         match error {
             NoView::Terminal(_) => Self::Failed(error.to_string()),
-            NoView::NoTerminal | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
+            NoView::NoTerminal | NoView::Dumb | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
         }
     }
 }
