@@ -28,7 +28,7 @@ use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
 pub use difference::difference;
-pub use schema::Setting;
+pub use schema::{Setting, keys};
 
 /// Largest config that is read, in bytes.
 pub const MAX_BYTES: u64 = 1 << 20;

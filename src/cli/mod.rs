@@ -48,6 +48,9 @@ enum Command {
     Verify(verify::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
+    // A name that no slip of the keyboard is similar to, so that it is never suggested.
+    #[command(name = "__words", hide = true)]
+    CompleteWords(completions::Words),
 }
 
 /// Why a command ended without success.
@@ -95,7 +98,7 @@ impl From<NoView> for Failure {
     fn from(error: NoView) -> Self {
         match error {
             NoView::Terminal(_) => Self::Failed(error.to_string()),
-            NoView::NoTerminal | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
+            NoView::NoTerminal | NoView::Dumb | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
         }
     }
 }
@@ -115,6 +118,7 @@ pub fn run() -> ExitCode {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),
+        Command::CompleteWords(arguments) => completions::run_words(&arguments),
     });
     let Err(failure) = result else { return ExitCode::SUCCESS };
     let (message, exit_code) = match failure {

@@ -97,10 +97,10 @@ impl Layers {
 }
 
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
-    let signals = Signals::listen()?;
     if arguments.live {
         check_terminal()?;
     }
+    let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() }?;
     let started = match &arguments.resume {
         Some(path) => resume(path, &arguments.layers.sets())?,
         None => Some(start(&arguments)?),
@@ -146,7 +146,8 @@ fn sinks(
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
     if arguments.live {
         let pace = arguments.pace.unwrap_or(Pace::FULL);
-        sinks.push(Box::new(Live::open(&run.path().to_string_lossy(), budget, pace, &signals.stop)?));
+        let (name, end_process) = (run.path().to_string_lossy(), signals.end_process());
+        sinks.push(Box::new(Live::open(&name, budget, pace, &signals.interrupts, end_process)?));
     } else if !arguments.quiet {
         sinks.push(Box::new(Console::new(budget, trainer.progress().env_steps)));
     }

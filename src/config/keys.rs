@@ -110,6 +110,16 @@ impl Allowed {
         }
     }
 
+    /// The values that have a name.
+    pub(super) fn names(&self) -> Vec<&'static str> {
+        match self {
+            Self::Bool => vec!["true", "false"],
+            Self::OneOf(names) => names.to_vec(),
+            Self::OrNull(allowed) => [vec!["null"], allowed.names()].concat(),
+            _ => Vec::new(),
+        }
+    }
+
     /// [`Self::admits`] as a JSON Schema; of an object only that it is one.
     pub(super) fn schema(&self) -> Schema {
         match self {
