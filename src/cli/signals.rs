@@ -1,63 +1,78 @@
 //! Ctrl-C and its kin: the first stops a run at its next step, the second ends the process at once.
 
 use std::io;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::thread;
 
 use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
+use signal_hook::iterator;
+use signal_hook::low_level::exit;
 
 use super::Failure;
+use crate::files::remove_own_unfinished;
 
 /// 128 + SIGINT, as shells have it.
 const INTERRUPTED: u8 = 130;
 /// 128 + SIGTERM.
 const TERMINATED: u8 = 143;
 
+/// Who is told of the first signal, so that it can stop in good order; nobody in most commands.
+static LISTENER: OnceLock<Signals> = OnceLock::new();
+
 /// What signals have asked for.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Signals {
     /// Set by the first signal.
     pub(super) stop: Arc<AtomicBool>,
-    exit_code: Arc<AtomicUsize>,
+    exit_code: Arc<AtomicU8>,
+}
+
+/// Takes the signals from now on. One that ends the process removes the files that it has not finished.
+///
+/// # Errors
+/// When the system refuses.
+pub(super) fn watch() -> Result<(), Failure> {
+    try_watch().map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))
+}
+
+fn try_watch() -> io::Result<()> {
+    let mut signals = vec![SIGINT, SIGTERM];
+    #[cfg(unix)]
+    if !hangup_is_ignored() {
+        signals.push(signal_hook::consts::SIGHUP);
+    }
+    let mut signals = iterator::Signals::new(signals)?;
+    let handle = move || {
+        for signal in &mut signals {
+            let exit_code = if signal == SIGINT { INTERRUPTED } else { TERMINATED };
+            match LISTENER.get() {
+                Some(listener) if !listener.stop.load(Ordering::Relaxed) => {
+                    listener.exit_code.store(exit_code, Ordering::Relaxed);
+                    listener.stop.store(true, Ordering::Release);
+                }
+                _ => {
+                    let _no_more = remove_own_unfinished();
+                    exit(exit_code.into());
+                }
+            }
+        }
+    };
+    thread::Builder::new().name("signals".into()).spawn(handle).map(drop)
 }
 
 impl Signals {
-    /// Takes the signals from now on.
-    ///
-    /// # Errors
-    /// When the system refuses.
-    pub(super) fn listen() -> Result<Self, Failure> {
-        Self::try_listen()
-            .map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))
-    }
-
-    fn try_listen() -> io::Result<Self> {
-        let signals = Self::default();
-        for (signal, exit_code) in [(SIGINT, INTERRUPTED), (SIGTERM, TERMINATED)] {
-            signals.take(signal, exit_code)?;
-        }
-        #[cfg(unix)]
-        if !hangup_is_ignored() {
-            signals.take(signal_hook::consts::SIGHUP, TERMINATED)?;
-        }
-        Ok(signals)
-    }
-
-    fn take(&self, signal: i32, exit_code: u8) -> io::Result<()> {
-        // First of the three, so that the signal that sets `stop` does not end the process.
-        flag::register_conditional_shutdown(signal, exit_code.into(), Arc::clone(&self.stop))?;
-        flag::register_usize(signal, Arc::clone(&self.exit_code), exit_code.into())?;
-        flag::register(signal, Arc::clone(&self.stop))?;
-        Ok(())
+    /// Has the first signal set [`Self::stop`]; only the second ends the process at once.
+    pub(super) fn listen() -> Self {
+        LISTENER.get_or_init(Self::default).clone()
     }
 
     /// The exit code of a process that a signal has stopped.
     pub(super) fn exit_code(&self) -> u8 {
-        u8::try_from(self.exit_code.load(Ordering::Relaxed))
-            .ok()
-            .filter(|&code| code > 0)
-            .unwrap_or(INTERRUPTED)
+        match self.exit_code.load(Ordering::Relaxed) {
+            0 => INTERRUPTED,
+            code => code,
+        }
     }
 }
 
