@@ -24,6 +24,7 @@ use crate::agent::{
     DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
 };
 use crate::env::{CartPole, Environment, EnvironmentId};
+use crate::files::check_memory;
 use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
@@ -270,11 +271,39 @@ impl Config {
     /// About how many bytes the large parts of a run take: the replay memory, the networks with their gradient and
     /// Adam's moments, the activations of a batch.
     fn memory(&self) -> u64 {
+        self.parts().iter().sum()
+    }
+
+    fn parts(&self) -> [u64; 3] {
         let sizes = self.network.sizes(CartPole::OBSERVATION_SIZE, CartPole::NUM_ACTIONS);
         let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
         let units: usize = sizes.iter().sum();
         let ReplayConfig { capacity, batch_size, .. } = self.replay;
-        (24 * capacity + 32 * parameters + 16 * batch_size * units) as u64
+        [24 * capacity, 32 * parameters, 16 * batch_size * units].map(|bytes| bytes as u64)
+    }
+
+    /// Whether the system has the memory that so many runs at the same time take, each with a checkpoint of what it can
+    /// fill of its replay memory: an allocation that fails in the middle of a run would end the process.
+    ///
+    /// # Errors
+    /// When it has not; the message says how much it takes and what would make it less.
+    pub fn check_memory(&self, runs: usize) -> Result<(), String> {
+        let [replay, networks, batch] = self.parts();
+        let filled = match self.budget {
+            Budget::Steps(steps) => replay.min(steps.saturating_mul(24)),
+            Budget::Episodes(_) => replay,
+        };
+        // A checkpoint is put together, and then written from one piece.
+        let run = [replay / 3 * 2, replay / 3, networks, batch, filled + networks, filled + networks];
+        check_memory(std::iter::repeat_n(run, runs).flatten()).map_err(|_| {
+            let mib = (run.iter().sum::<u64>() >> 20) + 1;
+            let ReplayConfig { capacity, batch_size, .. } = self.replay;
+            format!(
+                "not enough memory: a run takes up to {mib} MiB with `replay.capacity` {capacity}, `replay.batch_size` \
+                 {batch_size} and `network.hidden` {:?}; make these smaller, or give the process more memory",
+                self.network.hidden
+            )
+        })
     }
 
     /// The agent's part.
@@ -305,7 +334,11 @@ impl Config {
 pub fn read_file(path: &Path) -> Result<String, ConfigError> {
     let read = || {
         let mut bytes = Vec::new();
-        File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+        let file = File::open(path)?;
+        if file.metadata()?.len() > MAX_BYTES {
+            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
+        }
+        file.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
         if bytes.len() as u64 > MAX_BYTES {
             return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
         }

@@ -122,6 +122,14 @@ impl Dqn {
         }
     }
 
+    /// Gives the agent the schedules of another config after `env_steps` environment steps.
+    pub fn set_schedules(&mut self, config: &DqnConfig, env_steps: u64) {
+        self.config.optimizer = config.optimizer;
+        self.config.exploration = config.exploration;
+        self.adam.learning_rate = config.optimizer.learning_rate_after(env_steps);
+        self.epsilon = config.exploration.after_step(self.epsilon, env_steps);
+    }
+
     /// Remembers what an action brought.
     pub fn observe(&mut self, transition: Transition) {
         let terminated =

@@ -107,7 +107,7 @@ impl From<NoView> for Failure {
 pub fn run() -> ExitCode {
     let command = Arguments::try_parse().unwrap_or_else(|error| with_tip(error).exit()).command;
     let path = kernels::Path::from_environment().map_err(|error| Failure::BadInput(error.to_string()));
-    let result = path.and_then(|_| match command {
+    let result = path.and_then(|_| signals::watch()).and_then(|()| match command {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),

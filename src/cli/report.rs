@@ -1,12 +1,14 @@
 //! `cartpole-dqn report`
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::run_dir::cannot_write;
 use super::{Failure, print, print_json};
-use crate::files::{write_json, write_whole};
+use crate::files::{begins_with, write_json, write_whole};
 use crate::report::{self, REPORT, Report, ReportError};
 
 /// Say what a study or a run amounts to.
@@ -45,8 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let report = Report::of(folder)?;
     let out = arguments.out.as_ref().unwrap_or(folder);
-    fs::create_dir_all(out)
-        .map_err(|error| Failure::BadInput(format!("folder {} cannot be made: {error}", out.display())))?;
+    fs::create_dir_all(out).map_err(|error| cannot_write(out, &error, ""))?;
     let json = out.join(REPORT);
     let mut written = vec![(json.clone(), write_json(&json, &report.json))];
     for (name, content) in &report.files {
@@ -58,11 +59,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         print_json(&report.json)?;
     } else {
-        let names: Vec<String> = written.iter().map(|(path, _)| path.display().to_string()).collect();
-        print(&format!("{}\nwritten: {}\n", report.text, names.join(", ")))?;
+        let is_written =
+            |(path, result): &(PathBuf, io::Result<()>)| result.is_ok().then(|| path.display().to_string());
+        let names: Vec<String> = written.iter().filter_map(is_written).collect();
+        let names = if names.is_empty() { "nothing".into() } else { names.join(", ") };
+        print(&format!("{}\nwritten: {names}\n", report.text))?;
     }
     for (path, result) in written {
-        result.map_err(|error| Failure::Failed(format!("cannot write {}: {error}", path.display())))?;
+        result.map_err(|error| cannot_write(&path, &error, ""))?;
     }
     Ok(())
 }
@@ -72,12 +76,11 @@ fn write_page(file: &Path, folders: &[PathBuf]) -> Result<(), Failure> {
     if file.is_dir() {
         return Err(bad("it is a folder; give a file"));
     }
-    if file.is_file()
-        && !fs::read(file).is_ok_and(|old| old.is_empty() || old.starts_with(b"<!DOCTYPE html>"))
-    {
+    if file.is_file() && !begins_with(file, b"<!DOCTYPE html>") {
         return Err(bad("the file that is there is no page; choose another"));
     }
     let page = report::page(folders)?;
-    write_whole(file, |file| file.write_all(page.as_bytes())).map_err(|error| bad(&error.to_string()))?;
+    write_whole(file, |file| file.write_all(page.as_bytes()))
+        .map_err(|error| cannot_write(file, &error, ""))?;
     print(&format!("written: {}\n", file.display()))
 }

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 
 use super::Failure;
 use crate::config::{Config, MAX_BYTES};
-use crate::files::{is_unfinished, open_ordinary, read_text_limited, write_json};
+use crate::files::{
+    create_folders, is_unfinished, open_ordinary, read_text_limited, remove_abandoned, remove_empty,
+    write_json,
+};
 use crate::report;
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::trainer::{BEST, LAST, PREVIOUS};
@@ -26,9 +29,36 @@ pub(super) struct RunDir {
 impl RunDir {
     /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
-    /// then removed.
+    /// then removed. Nothing is changed before the metrics are locked: another process may train in the folder.
     pub(super) fn create(path: &Path, force: bool, config: &Config) -> Result<(Self, JsonLines), Failure> {
         let run = Self { path: path.to_owned() };
+        run.replaced(force)?;
+        let unwritable = |error: io::Error| match error.kind() {
+            io::ErrorKind::WouldBlock => in_use(path),
+            _ => cannot_write(path, &error, "; choose another --out"),
+        };
+        let mut made = create_folders(path).map_err(unwritable)?;
+        let (mut metrics, is_new) = run.lock().map_err(|error| {
+            remove_empty(&made);
+            unwritable(error)
+        })?;
+        // Another process may have made, changed or removed a run before this one had the lock.
+        let filled = run.replaced(force).and_then(|replaced| {
+            made.splice(0..0, create_folders(&run.checkpoints()).map_err(unwritable)?);
+            run.fill(&mut metrics, replaced, config).map_err(unwritable)
+        });
+        filled.inspect_err(|_| {
+            if is_new {
+                let _ = fs::remove_file(run.metrics());
+            }
+            remove_empty(&made);
+        })?;
+        Ok((run, metrics))
+    }
+
+    /// The files of the run in the folder that a new one replaces; none where the folder is free or missing.
+    fn replaced(&self, force: bool) -> Result<Vec<PathBuf>, Failure> {
+        let path = &self.path;
         let entries = match fs::read_dir(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(_) if path.exists() && !path.is_dir() => {
@@ -38,28 +68,38 @@ impl RunDir {
                 bad(path, &format!("cannot be used for a run: {error}; choose another --out"))
             })?,
         };
-        let is_free = entries.iter().all(|entry| run.is_of_no_run(entry));
-        if !is_free && !force {
-            return Err(bad(
-                path,
-                "is not empty; choose another --out, --force to replace the run in it, or go on with that run: \
-                 train --resume",
-            ));
+        if entries.iter().all(|entry| self.is_of_no_run(entry)) {
+            return Ok(Vec::new());
         }
-        let replaced =
-            if is_free { Vec::new() } else { run.replaceable().map_err(|reason| bad(path, &reason))? };
-        let missing: Vec<&Path> =
-            path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
-        let metrics = run.fill(is_free, replaced, config).map_err(|error| {
-            // What this call has made goes again; what was there is not empty and stays.
-            let _ = fs::remove_dir(run.checkpoints());
-            missing.iter().for_each(|path| drop(fs::remove_dir(path)));
-            match error.kind() {
-                io::ErrorKind::WouldBlock => in_use(path),
-                _ => bad(path, &format!("cannot be written: {error}; choose another --out")),
+        match self.replaceable() {
+            Ok(files) if force => Ok(files),
+            Ok(_) => Err(bad(
+                path,
+                "is not empty: it holds a run; choose another --out, --force to replace that run, or resume it: train \
+                 --resume",
+            )),
+            Err(reason) if force => Err(bad(path, &reason)),
+            Err(_) => Err(bad(
+                path,
+                "is not empty, and holds no run that --force could replace; choose another --out",
+            )),
+        }
+    }
+
+    /// Locks the metrics, which are made where there are none, and whether they were made.
+    fn lock(&self) -> io::Result<(JsonLines, bool)> {
+        loop {
+            match JsonLines::open(&self.metrics()) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                opened => return Ok((opened?, false)),
             }
-        })?;
-        Ok((run, metrics))
+            match JsonLines::create(&self.metrics()) {
+                // Another process was faster.
+                Err(error)
+                    if error.kind() == io::ErrorKind::AlreadyExists && is_ordinary(&self.metrics()) => {}
+                made => return Ok((made?, true)),
+            }
+        }
     }
 
     /// The folder of a run that is there, and the config in it.
@@ -86,7 +126,7 @@ impl RunDir {
     pub(super) fn take(&self) -> Result<JsonLines, Failure> {
         JsonLines::open(&self.metrics()).map_err(|error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(&self.path),
-            _ => bad(&self.path, &format!("cannot be written: {METRICS}: {error}")),
+            _ => cannot_write(&self.metrics(), &error, ""),
         })
     }
 
@@ -112,24 +152,22 @@ impl RunDir {
         config.map_err(|error| Failure::BadInput(error.to_string()))
     }
 
-    fn fill(&self, is_free: bool, replaced: Vec<PathBuf>, config: &Config) -> io::Result<JsonLines> {
-        fs::create_dir_all(self.checkpoints())?;
-        let mut metrics = JsonLines::open(&self.metrics())?;
-        if is_free && self.config().exists() {
-            // Another process has just made a run here.
-            return Err(io::ErrorKind::WouldBlock.into());
+    fn fill(&self, metrics: &mut JsonLines, replaced: Vec<PathBuf>, config: &Config) -> io::Result<()> {
+        if !replaced.is_empty() {
+            // Before the first file is gone: the checkpoints may be writable where the run's folder is not.
+            tempfile::tempfile_in(&self.path)?;
         }
         // The old config stays until the new one takes its place: a run that is half replaced can still be replaced.
-        replaced.iter().try_for_each(fs::remove_file)?;
+        for path in replaced {
+            match path.file_name() {
+                Some(name) if is_unfinished(name) => remove_abandoned(&path)?,
+                _ => fs::remove_file(path)?,
+            }
+        }
         // The new run may have none; where it stays it is empty.
         let _ = fs::remove_dir(self.tensorboard());
         metrics.cut(0)?;
-        write_json(&self.config(), config).inspect_err(|_| {
-            if is_free {
-                drop(fs::remove_file(self.metrics()))
-            }
-        })?;
-        Ok(metrics)
+        write_json(&self.config(), config)
     }
 
     /// Whether an entry of the folder is nothing that anybody would miss: a process that was killed before there was a
@@ -148,7 +186,6 @@ impl RunDir {
     /// others.
     fn replaceable(&self) -> Result<Vec<PathBuf>, String> {
         let unreadable = |error: io::Error| format!("cannot be read: {error}");
-        tempfile::tempfile_in(&self.path).map_err(|error| format!("cannot be written: {error}"))?;
         // More than `read_config` asks for: every key.
         let config = read_text_limited(&self.config(), MAX_BYTES).ok();
         if config.is_none_or(|text| serde_json::from_str::<Config>(&text).is_err()) {
@@ -187,6 +224,12 @@ impl RunDir {
     fn is_events(&self, path: &Path) -> bool {
         let has_prefix = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with(TENSORBOARD_PREFIX);
         path.parent() == Some(&self.tensorboard()) && path.file_name().is_some_and(has_prefix)
+    }
+
+    /// Whether the run has event files of TensorBoard.
+    pub(super) fn has_events(&self) -> bool {
+        let entries = fs::read_dir(self.tensorboard());
+        entries.is_ok_and(|entries| entries.flatten().any(|entry| self.is_events(&entry.path())))
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -236,6 +279,24 @@ pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
 
 pub(super) fn bad(path: &Path, problem: &str) -> Failure {
     Failure::BadInput(format!("folder {} {problem}", path.display()))
+}
+
+/// The same cause has the same exit code in every command: what cannot be written where the user wants it is bad input,
+/// a disk that fails or is full is a failure.
+pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failure {
+    use io::ErrorKind as Kind;
+    let message = format!("cannot write {}: {error}{hint}", path.display());
+    match error.kind() {
+        Kind::PermissionDenied
+        | Kind::ReadOnlyFilesystem
+        | Kind::NotFound
+        | Kind::NotADirectory
+        | Kind::IsADirectory
+        | Kind::AlreadyExists
+        | Kind::InvalidFilename
+        | Kind::InvalidInput => Failure::BadInput(message),
+        _ => Failure::Failed(message),
+    }
 }
 
 fn in_use(path: &Path) -> Failure {

@@ -12,6 +12,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
+use super::run_dir::cannot_write;
 use super::train::{DEFAULT_CONFIG, DEFAULT_NAME};
 use super::{Failure, print};
 use crate::config::{self, Config};
@@ -67,6 +68,7 @@ struct Variation {
 impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
         match error {
+            StudyError::Unwritable { path, source } => cannot_write(&path, &source, "; choose another --out"),
             StudyError::Write { .. } => Self::Failed(error.to_string()),
             StudyError::Folder { .. } | StudyError::Trial { .. } => Self::BadInput(error.to_string()),
         }
@@ -108,14 +110,20 @@ fn variation(text: &str) -> Result<Variation, String> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let study = Study::new(configs(arguments)?, arguments.seeds.clone());
+    let cpus = || thread::available_parallelism().map_or(1, NonZero::get);
+    let jobs = arguments.jobs.map_or_else(cpus, |jobs| jobs as usize);
+    let at_once = jobs.min(study.trials().take(jobs).count());
+    for NamedConfig { config, .. } in &study.configs {
+        config.check_memory(at_once).map_err(|error| {
+            Failure::BadInput(format!("{error} (--jobs {jobs} trains so many runs at the same time)"))
+        })?;
+    }
     let folder = StudyDir::open(&arguments.out, &study)?;
     let mut progress = Progress::new(study.configs.len() as u64, &study.seeds, arguments.quiet);
     for trial in folder.finished(&study) {
         progress.count(&trial?);
     }
     progress.start();
-    let cpus = || thread::available_parallelism().map_or(1, NonZero::get);
-    let jobs = arguments.jobs.map_or_else(cpus, |jobs| jobs as usize);
     folder.run(&study, jobs, |trial| {
         progress.count(trial);
         progress.show();

@@ -5,18 +5,19 @@ use std::time::{Instant, SystemTime};
 
 use clap::Args;
 use serde::Serialize;
+use serde_json::json;
 
-use super::resume::{Resumed, Run, resume};
-use super::run_dir::RunDir;
+use super::resume::{Resumed, Run, Start, resume};
+use super::run_dir::{RunDir, bad, cannot_write};
 use super::signals::Signals;
 use super::{Failure, print, print_json};
 use crate::checkpoint::sha256;
 use crate::config::{self, Config};
 use crate::env::CartPole;
-use crate::files::{read_limited, write_json};
+use crate::files::{read_limited, read_text_limited, write_json};
 use crate::nn::kernels;
 use crate::sink::{Console, JsonLines, TensorBoard};
-use crate::trainer::{EndReason, EventSink, Summary, TrainError, Trainer};
+use crate::trainer::{EndReason, Event, EventSink, Summary, TrainError, Trainer};
 use crate::view::{Live, Pace, check_terminal};
 
 /// The default config, `configs/cartpole.json`.
@@ -100,29 +101,42 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     if arguments.live {
         check_terminal()?;
     }
-    let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() }?;
+    let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
     let started = match &arguments.resume {
         Some(path) => resume(path, &arguments.layers.sets())?,
-        None => Some(start(&arguments)?),
+        None => Start::Run(Box::new(start(&arguments)?)),
     };
-    let Some((run, metrics, mut trainer)) = started else { return Ok(()) };
+    let (run, metrics, mut trainer) = match started {
+        Start::Run(started) => *started,
+        Start::Ended(run) if arguments.json => return print_json(&read_summary(&run)?),
+        Start::Ended(_) => return Ok(()),
+    };
     let mut sinks = sinks(&arguments, &run, metrics, &trainer, &signals)?;
     let start = Instant::now();
-    let reason = trainer.run(&mut sinks, Some(&run.checkpoints()), &signals.stop).map_err(|error| {
-        let kept = if run.last().is_file() { "the last good checkpoint is" } else { "what was written is" };
-        let hint = match error {
-            TrainError::Diverged { .. } => String::new(),
-            _ => format!("; once that is mended, go on with: {}", resume_command(&run)),
-        };
-        Failure::Failed(format!("{error}; {kept} kept in {}{hint}", run.path().display()))
-    })?;
-    if reason == EndReason::Interrupted {
-        drop(sinks);
-        let steps = trainer.progress().env_steps;
-        let message = format!("stopped after step {steps}; go on with:\n  {}", resume_command(&run));
-        return Err(Failure::Interrupted(message, signals.exit_code()));
-    }
-    let record = Record::new(&run, &trainer, reason, start.elapsed().as_secs_f64());
+    let result = trainer.run(&mut sinks, Some(&run.checkpoints()), &signals.stop);
+    let seconds = start.elapsed().as_secs_f64();
+    let reason = match result {
+        Ok(EndReason::Interrupted) => {
+            drop(sinks);
+            if arguments.json {
+                print_json(&unended(&run, &trainer, seconds, "interrupted"))?;
+            }
+            let steps = trainer.progress().env_steps;
+            let message = format!("stopped after step {steps}; go on with:\n  {}", resume_command(&run));
+            return Err(Failure::Interrupted(message, signals.exit_code()));
+        }
+        Ok(reason) => reason,
+        Err(error) => {
+            drop(sinks);
+            if arguments.json {
+                let mut record = unended(&run, &trainer, seconds, "failed");
+                record["error"] = json!(error.to_string());
+                print_json(&record)?;
+            }
+            return Err(Failure::Failed(format!("{error}; {}", what_is_kept(&run, &error))));
+        }
+    };
+    let record = Record::new(&run, &trainer, reason, seconds);
     // The summary is also printed when it cannot be saved.
     let saved = write_json(&run.summary(), &record);
     drop(sinks);
@@ -131,7 +145,37 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         (false, true) => {}
         (false, false) => print(&describe(&record.summary, &run))?,
     }
-    saved.map_err(|error| cannot_write(&run.summary(), &error))
+    saved.map_err(|error| cannot_write(&run.summary(), &error, ""))
+}
+
+/// As far as a run came that has not ended.
+fn unended(run: &RunDir, trainer: &Run, seconds: f64, end_reason: &str) -> serde_json::Value {
+    let mut record = json!(Record::new(run, trainer, EndReason::Budget, seconds));
+    record["end_reason"] = json!(end_reason);
+    record
+}
+
+/// What a run that has failed leaves, and how it can be resumed.
+fn what_is_kept(run: &RunDir, error: &TrainError) -> String {
+    let path = run.path().display();
+    let kept = match () {
+        () if run.last().is_file() => format!("the last good checkpoint is kept in {path}"),
+        () if run.metrics().is_file() => format!("what was written is kept in {path}"),
+        () => {
+            return format!("the directory {path} is gone or was emptied, and the run with it; train again");
+        }
+    };
+    match error {
+        TrainError::Diverged { .. } => kept,
+        _ => format!("{kept}; once that is mended, go on with: {}", resume_command(run)),
+    }
+}
+
+/// `summary.json` of a run that has ended.
+fn read_summary(run: &RunDir) -> Result<serde_json::Value, Failure> {
+    let text = read_text_limited(&run.summary(), config::MAX_BYTES).map_err(|error| error.to_string());
+    let summary = text.and_then(|text| serde_json::from_str(&text).map_err(|error| error.to_string()));
+    summary.map_err(|error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}")))
 }
 
 /// Who takes the events of the run.
@@ -151,17 +195,14 @@ fn sinks(
     } else if !arguments.quiet {
         sinks.push(Box::new(Console::new(budget, trainer.progress().env_steps)));
     }
-    if arguments.tensorboard {
+    // A resumed run that has event files goes on with them.
+    if arguments.tensorboard || (arguments.resume.is_some() && run.has_events()) {
         let (folder, optimizer) = (run.tensorboard(), trainer.config().optimizer);
         let learning_rate = move |steps| optimizer.learning_rate_after(steps);
         let events = TensorBoard::create(&folder, trainer.progress().env_steps, learning_rate);
-        sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error))?));
+        sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error, ""))?));
     }
     Ok(sinks)
-}
-
-fn cannot_write(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::Failed(format!("cannot write {}: {error}", path.display()))
 }
 
 /// `summary.json`: what the run came to, and what it takes to repeat it.
@@ -197,9 +238,13 @@ impl Record {
 /// A new run in its own folder.
 fn start(arguments: &Arguments) -> Result<Resumed, Failure> {
     let config = arguments.layers.resolve()?;
+    config.check_memory(1).map_err(Failure::BadInput)?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, &config));
     let (run, metrics) = RunDir::create(&out, arguments.force, &config)?;
-    Ok((run, metrics, Trainer::new(config, CartPole::v1())))
+    let mut trainer = Trainer::new(config, CartPole::v1());
+    // From now on a run without a checkpoint is one that has lost it, however early the process is killed.
+    trainer.save_last(&mut Vec::<Event>::new(), Some(&run.checkpoints()))?;
+    Ok((run, metrics, trainer))
 }
 
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {

@@ -52,16 +52,28 @@ struct Extent {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let signals = Signals::listen()?;
+    let signals = Signals::listen();
     let (run, mut config) = RunDir::open(&arguments.run)?;
     let _shared = run.share()?;
     let summary = if run.summary().exists() { Some(read_summary(&run)?) } else { None };
+    let mut branched_at_step = summary.as_ref().and_then(|summary| summary["branched_at_step"].as_u64());
     let mut extent = Extent { env_steps: None, lines: u64::MAX };
     if summary.is_none() {
         let last = load(&run.last(), &config)?;
         extent = Extent { env_steps: Some(last.progress().env_steps), lines: last.progress().events };
+        branched_at_step = last.progress().branched_at_step;
         config = last.config().clone();
     }
+    if let Some(step) = branched_at_step {
+        return Err(bad(
+            run.path(),
+            &format!(
+                "cannot be verified: from step {step} on it follows another schedule (train --resume --set), so that no \
+                 single config repeats it"
+            ),
+        ));
+    }
+    config.check_memory(1).map_err(Failure::BadInput)?;
     let folder = tempfile::tempdir().map_err(failed)?;
     let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config)?;
     let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];

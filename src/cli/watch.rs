@@ -28,7 +28,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let policy = load_policy(&arguments.checkpoint)?;
-    let signals = Signals::listen_for_view()?;
+    let signals = Signals::listen_for_view();
     view::watch(policy, &arguments.checkpoint.to_string_lossy(), arguments.seed, &signals.stop)?;
     if signals.stop.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped".into(), signals.exit_code()));

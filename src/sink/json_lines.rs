@@ -4,7 +4,7 @@ use std::fs::{File, TryLockError};
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use crate::files::open_ordinary;
+use crate::files::{is_at, open_ordinary};
 use crate::trainer::event::{Event, EventSink};
 
 /// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take. As
@@ -15,22 +15,29 @@ pub struct JsonLines {
 }
 
 impl JsonLines {
-    /// Opens the file, or makes it; [`Self::cut`] says where it goes on.
+    /// Opens the file that is there; [`Self::cut`] says where it goes on.
     ///
     /// # Errors
     /// When that fails; [`io::ErrorKind::WouldBlock`] when another process has the file.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let mut options = File::options();
-        options.read(true).write(true);
-        let file = match open_ordinary(&options, path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => options.create_new(true).open(path)?,
-            opened => opened?,
-        };
-        match file.try_lock() {
-            Err(TryLockError::WouldBlock) => Err(io::ErrorKind::WouldBlock.into()),
+        Self::lock(open_ordinary(File::options().read(true).write(true), path)?, path)
+    }
+
+    /// Makes the file.
+    ///
+    /// # Errors
+    /// When that fails, also because it is there; [`io::ErrorKind::WouldBlock`] when another process already has it.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        Self::lock(File::options().read(true).write(true).create_new(true).open(path)?, path)
+    }
+
+    fn lock(file: File, path: &Path) -> io::Result<Self> {
+        let is_locked = match file.try_lock() {
+            Err(TryLockError::WouldBlock) => false,
             // A file system without locks is no reason to refuse.
-            Ok(()) | Err(TryLockError::Error(_)) => Ok(Self { file }),
-        }
+            Ok(()) | Err(TryLockError::Error(_)) => is_at(&file, path)?,
+        };
+        if is_locked { Ok(Self { file }) } else { Err(io::ErrorKind::WouldBlock.into()) }
     }
 
     /// Removes what follows the first `lines` lines; false, and no change, if there are fewer whole ones.

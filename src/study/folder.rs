@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 use super::{Study, Trial};
 use crate::config::difference;
 use crate::files::{
-    is_unfinished, open_ordinary, read_text_limited, remove_unfinished, write_json, write_whole,
+    create_folders, is_at, is_unfinished, open_ordinary, read_text_limited, remove_empty, remove_unfinished,
+    write_json, write_json_new, write_whole,
 };
 
 /// Name of the file that says what a study runs.
@@ -36,6 +37,14 @@ pub enum StudyError {
         path: PathBuf,
         /// Why.
         problem: String,
+    },
+    /// The folder cannot be written.
+    #[error("cannot write {}: {source}; choose another --out", path.display())]
+    Unwritable {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
     },
     /// A trial cannot be written.
     #[error("cannot write {}: {source}; the same command goes on from here", path.display())]
@@ -86,10 +95,18 @@ impl StudyDir {
     /// When there is something else in the folder, another study included, or it cannot be written.
     pub fn open(path: &Path, study: &Study) -> Result<Self, StudyError> {
         let bad = |problem| StudyError::Folder { path: path.into(), problem };
-        let unwritable = |error: io::Error| bad(format!("cannot be written: {error}; choose another --out"));
+        let unwritable = |source: io::Error| StudyError::Unwritable { path: path.into(), source };
         let manifest = path.join(MANIFEST);
         if is_free(path).map_err(bad)? {
-            fs::create_dir_all(path).and_then(|()| write_json(&manifest, study)).map_err(unwritable)?;
+            let made = create_folders(path).map_err(unwritable)?;
+            match write_json_new(&manifest, study) {
+                // Another process was faster; whether it runs the same study is seen below.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                written => written.map_err(|error| {
+                    remove_empty(&made);
+                    unwritable(error)
+                })?,
+            }
         }
         let (mut locked, text) = lock(&manifest).map_err(bad)?;
         let found = serde_json::from_str(&text).map_err(|error| {
@@ -175,8 +192,9 @@ fn is_free(path: &Path) -> Result<bool, String> {
 fn lock(manifest: &Path) -> Result<(File, String), String> {
     let unreadable = |error: io::Error| format!("has a {MANIFEST} that cannot be read: {error}");
     let file = open_ordinary(File::options().read(true), manifest).map_err(unreadable)?;
-    // A file system without locks is no reason to refuse.
-    if let Err(TryLockError::WouldBlock) = file.try_lock() {
+    // A file system without locks is no reason to refuse. Who replaces the manifest has the lock of the old one.
+    let is_taken = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
+    if is_taken || !is_at(&file, manifest).map_err(unreadable)? {
         return Err("is in use: another process runs this study; wait for it or choose another --out".into());
     }
     let text = read_text_limited(manifest, MAX_FILE_SIZE).map_err(unreadable)?;

@@ -19,6 +19,8 @@ mod report_html;
 #[cfg(unix)]
 mod resume;
 #[cfg(unix)]
+mod run_dir;
+#[cfg(unix)]
 mod signals;
 mod simd;
 mod study;

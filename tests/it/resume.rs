@@ -110,9 +110,59 @@ fn a_run_that_was_killed_before_its_first_checkpoint_starts_again() {
     sandbox.train(&["--out", "killed"]).success();
     fs::remove_dir_all(sandbox.path("killed/checkpoints")).unwrap();
     fs::remove_file(sandbox.path("killed/summary.json")).unwrap();
+    sandbox.write("killed/metrics.jsonl", "");
     let noted = predicate::str::contains("note: the run has no checkpoint yet; starts again at step 0");
     sandbox.run(&["train", "--quiet", "--resume", "killed"]).success().stderr(noted);
     assert_same_runs(&sandbox, "run", "killed");
+}
+
+#[test]
+fn a_run_that_has_lost_its_checkpoints_is_refused_and_keeps_what_it_has() {
+    let resume = ["train", "--resume", "run", "--set", "budget.steps=300"];
+    for kept in ["run/metrics.jsonl", BEST, "run/summary.json"] {
+        let sandbox = Sandbox::with_run();
+        for file in [LAST, PREVIOUS, BEST, "run/summary.json"] {
+            if file != kept {
+                fs::remove_file(sandbox.path(file)).unwrap();
+            }
+        }
+        if kept != "run/metrics.jsonl" {
+            sandbox.write("run/metrics.jsonl", "");
+        }
+        sandbox.refuses(&resume, &["last.safetensors", "previous.safetensors", "missing", "train again"]);
+    }
+}
+
+#[test]
+fn an_extended_run_says_which_schedules_have_ended_and_how_to_stretch_them() {
+    let sandbox = Sandbox::new();
+    let schedules = sets(&["optimizer.schedule.steps=200", "exploration.steps=100"]);
+    sandbox.train(&[&schedules[..], &["--out", "run"]].concat()).success();
+    let noted = predicate::str::contains("ends at step 200: from there on the rate is 0")
+        .and(predicate::str::contains("--set optimizer.schedule.steps=300"))
+        .and(predicate::str::contains("the schedule of epsilon ended at step 100"))
+        .and(predicate::str::contains("--set exploration.steps=300"));
+    let resume = ["train", "--quiet", "--resume", "run", "--set", "budget.steps=300"];
+    sandbox.run(&resume).success().stderr(noted);
+}
+
+#[test]
+fn an_extended_run_with_another_schedule_is_a_branch_and_verify_says_so() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "optimizer.schedule.steps=200"]).success();
+    let before = sandbox.json("run/summary.json");
+    let schedule = sets(&["budget.steps=300", "optimizer.schedule.steps=400"]);
+    let resume = [&["train", "--quiet", "--resume", "run"], &schedule[..]].concat();
+    sandbox.run(&resume).success().stderr(
+        predicate::str::contains("from step 200 on").and(predicate::str::contains("a branch of its own")),
+    );
+    let summary = sandbox.json("run/summary.json");
+    assert_eq!(summary["branched_at_step"], 200);
+    assert_ne!(summary["weights_sha256"], before["weights_sha256"]);
+    assert_eq!(sandbox.json("run/config.json")["optimizer"]["schedule"]["steps"], 400);
+    sandbox.refuses(&["verify", "run"], &["cannot be verified", "from step 200 on"]);
+    // The branch goes on as any run does.
+    sandbox.run(&["train", "--quiet", "--resume", "run", "--set", "budget.steps=350"]).success();
 }
 
 #[test]
@@ -142,7 +192,8 @@ fn a_resumed_run_can_change_its_budget_alone() {
     };
     refuses(&["--set", "gamma=0.5"], &["folder run", "its `gamma` is 0.995, and 0.5 is given", "budget"]);
     refuses(&["--seed", "5"], &["its `seed` is 0, and 5 is given", "budget"]);
-    refuses(&["--set", "exploration.steps=9"], &["`exploration.steps`", "budget"]);
+    refuses(&["--set", "exploration.steps=9"], &["has ended", "larger budget with the schedule"]);
+    refuses(&["--set", "exploration.schedule=per_episode"], &["`exploration", "budget"]);
     refuses(&["--set", "budget.steps=150"], &["past the budget {\"steps\":150}", "at step 200", "larger"]);
     refuses(&["--set", "budget.steps=x"], &["`budget.steps`", "integer"]);
     sandbox.run(&["train", "--resume", "run", "--set", "gamma=0.995", "--seed", "0"]).success();
