@@ -28,6 +28,7 @@ use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
 pub use difference::difference;
+pub use keys::key_paths;
 pub use schema::Setting;
 
 /// Largest config that is read, in bytes.

@@ -50,7 +50,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Trials at the same time [default: one per CPU]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=4096))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::integer::<1, 4096>)]
     jobs: Option<u64>,
     /// Show no progress and no summary
     #[arg(long)]

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::resume::{Resumed, Run, resume};
 use super::run_dir::RunDir;
 use super::signals::Signals;
-use super::{Failure, print, print_json};
+use super::{Failure, print, print_json, program, shell_word};
 use crate::checkpoint::sha256;
 use crate::config::{self, Config};
 use crate::env::CartPole;
@@ -243,15 +243,4 @@ Evaluate it on episodes that it has not seen:
 
 fn resume_command(run: &RunDir) -> String {
     format!("{} train --resume {}", program(), shell_word(&run.path().to_string_lossy()))
-}
-
-/// This program, as it was called.
-fn program() -> String {
-    shell_word(&std::env::args().next().unwrap_or_else(|| "cartpole-dqn".into()))
-}
-
-/// A word as it can be typed into a shell.
-fn shell_word(word: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "/\\:._-+".contains(c);
-    if word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }

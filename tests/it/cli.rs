@@ -184,7 +184,7 @@ refusals! {
         [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1001", "`replay.warmup_steps`"];
     refuses_a_config_without_its_flag_and_names_it:
         [("my.json", b"{}")], ["train", "my.json"] => ["'my.json'", "--config FILE"];
-    refuses_a_key_as_a_flag_and_names_set: [], ["train", "--lr", "0.1"] => ["'--lr'", "--set KEY=VALUE"];
+    refuses_a_flag_that_nobody_knows_and_names_set: [], ["train", "--frobnicate", "1"] => ["'--frobnicate'", "--set KEY=VALUE"];
     refuses_a_set_with_a_space: [], ["train", "--set", "gamma", "0.9"] => ["'0.9'", "--set KEY=VALUE"];
     refuses_the_short_name_of_a_key_and_lists_its_group:
         [], ["train", "--set", "optimizer.lr=0.1"] => ["`optimizer.lr`", "`learning_rate`"];
