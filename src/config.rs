@@ -304,13 +304,18 @@ impl Config {
 /// # Errors
 /// The file cannot be opened or read, is larger, or is not UTF-8.
 pub fn read_file(path: &Path) -> Result<String, ConfigError> {
-    let read = || {
-        let mut bytes = Vec::new();
-        File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 > MAX_BYTES {
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
-        }
-        String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
-    };
-    read().map_err(|source| ConfigError::Read { path: path.into(), source })
+    File::open(path).and_then(read).map_err(|source| ConfigError::Read { path: path.into(), source })
+}
+
+/// Reads the text of a config of at most 1 MiB.
+///
+/// # Errors
+/// It cannot be read, is larger, or is not UTF-8.
+pub fn read(source: impl Read) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    source.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
+    }
+    String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }

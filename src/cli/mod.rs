@@ -4,6 +4,7 @@ mod completions;
 mod config;
 mod eval;
 mod flags;
+mod init;
 mod inspect;
 mod render;
 mod report;
@@ -162,10 +163,13 @@ fn with_tip(mut error: clap::Error) -> clap::Error {
 
 /// Prints clap's message, which may be the help.
 fn print_usage(error: &clap::Error) -> ExitCode {
-    let plain = error.render().to_string();
-    if error.use_stderr() && escaped(&plain) != plain {
-        // The colours are lost with the control characters that the user has typed.
-        say(plain.trim_end());
+    let is_strange = |argument: std::ffi::OsString| {
+        let argument = argument.to_string_lossy();
+        escaped(&argument) != argument
+    };
+    if error.use_stderr() && std::env::args_os().any(is_strange) {
+        // Plain, as the escape sequences that colour the message cannot be told from those in an argument.
+        say(error.render().to_string().trim_end());
     } else {
         // A closed stderr or stdout leaves nobody to tell.
         let _ = error.print();

@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
+use crate::checkpoint::Checkpoint;
 use crate::config::{Config, MAX_BYTES};
 use crate::files::{is_unfinished, open_ordinary, read_text_limited, write_json};
 use crate::report;
@@ -16,6 +17,8 @@ const METRICS: &str = "metrics.jsonl";
 const SUMMARY: &str = "summary.json";
 const CHECKPOINTS: &str = "checkpoints";
 const TENSORBOARD: &str = "tensorboard";
+const PROGRESS: &str = "progress.csv";
+const INIT: &str = "init.safetensors";
 
 /// A run's folder and the paths in it.
 #[derive(Debug)]
@@ -27,7 +30,13 @@ impl RunDir {
     /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
     /// then removed.
-    pub(super) fn create(path: &Path, force: bool, config: &Config) -> Result<(Self, JsonLines), Failure> {
+    /// `init` is the file of the weights that the run starts with, where they are not drawn.
+    pub(super) fn create(
+        path: &Path,
+        force: bool,
+        config: &Config,
+        init: Option<&Checkpoint>,
+    ) -> Result<(Self, JsonLines), Failure> {
         let run = Self { path: path.to_owned() };
         let entries = match fs::read_dir(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
@@ -50,7 +59,7 @@ impl RunDir {
             if is_free { Vec::new() } else { run.replaceable().map_err(|reason| bad(path, &reason))? };
         let missing: Vec<&Path> =
             path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
-        let metrics = run.fill(is_free, replaced, config).map_err(|error| {
+        let metrics = run.fill(is_free, replaced, config, init).map_err(|error| {
             // What this call has made goes again; what was there is not empty and stays.
             let _ = fs::remove_dir(run.checkpoints());
             missing.iter().for_each(|path| drop(fs::remove_dir(path)));
@@ -66,7 +75,8 @@ impl RunDir {
     pub(super) fn open(path: &Path) -> Result<(Self, Config), Failure> {
         let run = Self { path: path.to_owned() };
         let config = run.read_config()?;
-        let files = [run.config(), run.metrics(), run.summary(), run.best(), run.last(), run.previous()];
+        let mut files = vec![run.config(), run.metrics(), run.summary(), run.progress()];
+        files.extend([run.best(), run.last(), run.previous(), run.init()]);
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
             Ok(found) if **path == run.checkpoints() => !found.is_dir(),
             Ok(found) => !found.is_file(),
@@ -112,7 +122,13 @@ impl RunDir {
         config.map_err(|error| Failure::BadInput(error.to_string()))
     }
 
-    fn fill(&self, is_free: bool, replaced: Vec<PathBuf>, config: &Config) -> io::Result<JsonLines> {
+    fn fill(
+        &self,
+        is_free: bool,
+        replaced: Vec<PathBuf>,
+        config: &Config,
+        init: Option<&Checkpoint>,
+    ) -> io::Result<JsonLines> {
         fs::create_dir_all(self.checkpoints())?;
         let mut metrics = JsonLines::open(&self.metrics())?;
         if is_free && self.config().exists() {
@@ -124,9 +140,12 @@ impl RunDir {
         // The new run may have none; where it stays it is empty.
         let _ = fs::remove_dir(self.tensorboard());
         metrics.cut(0)?;
-        write_json(&self.config(), config).inspect_err(|_| {
+        // Before the config, which makes it a run: no run may lack the weights that it starts with.
+        let written = init.map_or(Ok(()), |init| init.write(&self.init()));
+        written.and_then(|()| write_json(&self.config(), config)).inspect_err(|_| {
             if is_free {
-                drop(fs::remove_file(self.metrics()))
+                drop(fs::remove_file(self.metrics()));
+                drop(fs::remove_file(self.init()));
             }
         })?;
         Ok(metrics)
@@ -157,7 +176,7 @@ impl RunDir {
             ));
         }
         let stay = [self.config(), self.metrics()];
-        let go = [self.summary(), self.best(), self.last(), self.previous()];
+        let go = [self.summary(), self.progress(), self.best(), self.last(), self.previous(), self.init()];
         let mut entries = Vec::new();
         let mut files = Vec::new();
         for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
@@ -203,6 +222,13 @@ impl RunDir {
     }
     pub(super) fn checkpoints(&self) -> PathBuf {
         self.path.join(CHECKPOINTS)
+    }
+    pub(super) fn progress(&self) -> PathBuf {
+        self.path.join(PROGRESS)
+    }
+    /// The weights that the run started with, where they were not drawn.
+    pub(super) fn init(&self) -> PathBuf {
+        self.checkpoints().join(INIT)
     }
     pub(super) fn tensorboard(&self) -> PathBuf {
         self.path.join(TENSORBOARD)

@@ -3,6 +3,8 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
@@ -13,6 +15,9 @@ use super::Failure;
 const INTERRUPTED: u8 = 130;
 /// 128 + SIGTERM.
 const TERMINATED: u8 = 143;
+
+/// How soon a signal is noticed, and how long a step may take before that is said.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 
 /// What signals have asked for.
 #[derive(Debug, Default)]
@@ -50,6 +55,22 @@ impl Signals {
         flag::register_usize(signal, Arc::clone(&self.exit_code), exit_code.into())?;
         flag::register(signal, Arc::clone(&self.stop))?;
         Ok(())
+    }
+
+    /// Says that a signal has been noticed if the step that the run is in takes so long that nobody would see it.
+    pub(super) fn tell_if_slow(&self) {
+        let stop = Arc::clone(&self.stop);
+        // The thread ends with the process. Without a thread the signal works all the same.
+        let _ = thread::Builder::new().spawn(move || {
+            while !stop.load(Ordering::Relaxed) {
+                thread::sleep(POLL_INTERVAL);
+            }
+            thread::sleep(POLL_INTERVAL);
+            super::say(
+                "\nstopping after the step that the run is in, with a checkpoint; press Ctrl-C again to end at\n\
+                 once, which loses what was trained since the last checkpoint",
+            );
+        });
     }
 
     /// The exit code of a process that a signal has stopped.
