@@ -108,7 +108,7 @@ pub fn run() -> ExitCode {
         Ok(arguments) => execute(arguments.command),
         Err(error) => match explain(&error) {
             Some(message) => Err(Failure::BadInput(message)),
-            None => return print_usage(&with_tip(error)),
+            None => return print_usage(with_tip(error)),
         },
     };
     let Err(failure) = result else { return ExitCode::SUCCESS };
@@ -162,7 +162,15 @@ fn with_tip(mut error: clap::Error) -> clap::Error {
 }
 
 /// Prints clap's message, which may be the help.
-fn print_usage(error: &clap::Error) -> ExitCode {
+fn print_usage(mut error: clap::Error) -> ExitCode {
+    // Clap would leave control characters of an argument out, or print them as they are.
+    let typed = error.context().filter_map(|(kind, value)| match value {
+        ContextValue::String(text) => Some((kind, ContextValue::String(escaped(text)))),
+        _ => None,
+    });
+    for (kind, text) in typed.collect::<Vec<_>>() {
+        error.insert(kind, text);
+    }
     let is_strange = |argument: std::ffi::OsString| {
         let argument = argument.to_string_lossy();
         escaped(&argument) != argument

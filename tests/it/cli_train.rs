@@ -369,22 +369,31 @@ fn a_signal_during_a_long_step_is_noticed_at_once_and_a_second_one_ends_it() {
     let sandbox = Sandbox::new();
     // A single learning step that takes hours.
     let long = ["--set", "learn.updates=4000000000", "--log-every", "1"];
-    let mut child = Command::new(assert_cmd::cargo::cargo_bin!("cartpole-dqn"))
-        .current_dir(sandbox.path("."))
-        .args([&["train", "--out", "run"], &sets(TINY)[..], &long].concat())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
     let interrupt = |child: &std::process::Child| {
         assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     };
-    assert!(lines.next().unwrap().starts_with("training cartpole"));
-    lines.find(|line| line.starts_with("episode 1 ")).unwrap();
-    interrupt(&child);
-    lines.find(|line| line.contains("press Ctrl-C again")).unwrap();
-    interrupt(&child);
-    assert_eq!(child.wait().unwrap().code(), Some(130));
+    // On a busy machine the first signal can come before the long step; that run just stops.
+    let is_noticed = |attempt: u64| {
+        let out = format!("run{attempt}");
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin!("cartpole-dqn"))
+            .current_dir(sandbox.path("."))
+            .args([&["train", "--out", &out], &sets(TINY)[..], &long].concat())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.next().unwrap().starts_with("training cartpole"));
+        lines.find(|line| line.starts_with("episode 1 ")).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(100 * attempt));
+        interrupt(&child);
+        let is_noticed = lines.any(|line| line.contains("press Ctrl-C again"));
+        if is_noticed {
+            interrupt(&child);
+        }
+        assert_eq!(child.wait().unwrap().code(), Some(130));
+        is_noticed
+    };
+    assert!((1..=10).any(is_noticed));
 }
 
 #[test]
