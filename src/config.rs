@@ -29,6 +29,7 @@ use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
 pub use difference::difference;
+pub use keys::key_paths;
 pub use schema::{Setting, keys};
 
 /// Largest config that is read, in bytes.
@@ -332,17 +333,18 @@ impl Config {
 /// # Errors
 /// The file cannot be opened or read, is larger, or is not UTF-8.
 pub fn read_file(path: &Path) -> Result<String, ConfigError> {
-    let read = || {
-        let mut bytes = Vec::new();
-        let file = File::open(path)?;
-        if file.metadata()?.len() > MAX_BYTES {
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
-        }
-        file.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 > MAX_BYTES {
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
-        }
-        String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
-    };
-    read().map_err(|source| ConfigError::Read { path: path.into(), source })
+    File::open(path).and_then(read).map_err(|source| ConfigError::Read { path: path.into(), source })
+}
+
+/// Reads the text of a config of at most 1 MiB.
+///
+/// # Errors
+/// It cannot be read, is larger, or is not UTF-8.
+pub fn read(source: impl Read) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    source.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
+    }
+    String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }

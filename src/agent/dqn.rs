@@ -294,6 +294,22 @@ impl Dqn {
 }
 
 impl Dqn {
+    /// The inverse of [`Self::policy`]: makes both networks a policy for observations as the environment gives them,
+    /// of the same layer sizes. False if a weight leaves the finite under the agent's observation scale.
+    #[must_use]
+    pub fn set_policy(&mut self, policy: &Mlp<f32>) -> bool {
+        self.online.copy_from(policy);
+        let outputs = policy.sizes()[1];
+        let columns = self.online.layer_mut(0).chunks_exact_mut(outputs);
+        for (weights, scale) in columns.zip(&self.observation_scale) {
+            weights.iter_mut().for_each(|weight| *weight *= scale);
+        }
+        self.target.copy_from(&self.online);
+        self.online.parameters().iter().all(|parameter| parameter.is_finite())
+    }
+}
+
+impl Dqn {
     /// What learning looks like from inside; see [`Statistics`].
     pub fn statistics(&self, probes: &Probes) -> Statistics {
         let batch_size = self.replay.len().min(Statistics::TRANSITIONS);

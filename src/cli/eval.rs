@@ -32,7 +32,7 @@ pub(super) struct Arguments {
     policy: Option<Baseline>,
     /// Number of episodes
     #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true,
-        value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+        value_parser = super::integer::<1, 10_000_000>)]
     episodes: u64,
     /// Gymnasium seed of the first episode; the others follow
     #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,

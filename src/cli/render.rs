@@ -31,7 +31,7 @@ pub(super) struct Arguments {
     seed: u64,
     /// Draw no more than the first N steps of the episode
     #[arg(long, value_name = "N", default_value_t = 500, allow_negative_numbers = true,
-        value_parser = clap::value_parser!(u64).range(1..=500))]
+        value_parser = super::integer::<1, 500>)]
     steps: u64,
 }
 

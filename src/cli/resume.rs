@@ -6,6 +6,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use super::init::first_step;
 use super::run_dir::{RunDir, bad, cannot_write};
 use super::{Failure, note};
 use crate::agent::Exploration;
@@ -189,7 +190,7 @@ fn latest(run: &RunDir, config: &Config) -> Result<(Run, bool), Failure> {
                 ));
             }
             note("the run has no checkpoint yet; starts again at step 0");
-            Ok((Trainer::new(config.clone(), CartPole::v1()), false))
+            Ok((first_step(run, config.clone())?.0, false))
         }
         Err(previous) => Err(Failure::BadInput(format!(
             "{last}; {previous}; train again: --config {} --out another folder",

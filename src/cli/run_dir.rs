@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
+use crate::checkpoint::Checkpoint;
 use crate::config::{Config, MAX_BYTES};
 use crate::files::{
     create_folders, is_unfinished, open_ordinary, read_text_limited, remove_abandoned, remove_empty,
@@ -19,6 +20,8 @@ const METRICS: &str = "metrics.jsonl";
 const SUMMARY: &str = "summary.json";
 const CHECKPOINTS: &str = "checkpoints";
 const TENSORBOARD: &str = "tensorboard";
+const PROGRESS: &str = "progress.csv";
+const INIT: &str = "init.safetensors";
 
 /// A run's folder and the paths in it.
 #[derive(Debug)]
@@ -30,7 +33,13 @@ impl RunDir {
     /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
     /// then removed. Nothing is changed before the metrics are locked: another process may train in the folder.
-    pub(super) fn create(path: &Path, force: bool, config: &Config) -> Result<(Self, JsonLines), Failure> {
+    /// `init` is the file of the weights that the run starts with, where they are not drawn.
+    pub(super) fn create(
+        path: &Path,
+        force: bool,
+        config: &Config,
+        init: Option<&Checkpoint>,
+    ) -> Result<(Self, JsonLines), Failure> {
         let run = Self { path: path.to_owned() };
         run.replaced(force)?;
         let unwritable = |error: io::Error| match error.kind() {
@@ -45,11 +54,12 @@ impl RunDir {
         // Another process may have made, changed or removed a run before this one had the lock.
         let filled = run.replaced(force).and_then(|replaced| {
             made.splice(0..0, create_folders(&run.checkpoints()).map_err(unwritable)?);
-            run.fill(&mut metrics, replaced, config).map_err(unwritable)
+            run.fill(&mut metrics, replaced, config, init).map_err(unwritable)
         });
         filled.inspect_err(|_| {
             if is_new {
                 let _ = fs::remove_file(run.metrics());
+                let _ = fs::remove_file(run.init());
             }
             remove_empty(&made);
         })?;
@@ -106,7 +116,8 @@ impl RunDir {
     pub(super) fn open(path: &Path) -> Result<(Self, Config), Failure> {
         let run = Self { path: path.to_owned() };
         let config = run.read_config()?;
-        let files = [run.config(), run.metrics(), run.summary(), run.best(), run.last(), run.previous()];
+        let mut files = vec![run.config(), run.metrics(), run.summary(), run.progress()];
+        files.extend([run.best(), run.last(), run.previous(), run.init()]);
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
             Ok(found) if **path == run.checkpoints() => !found.is_dir(),
             Ok(found) => !found.is_file(),
@@ -152,7 +163,13 @@ impl RunDir {
         config.map_err(|error| Failure::BadInput(error.to_string()))
     }
 
-    fn fill(&self, metrics: &mut JsonLines, replaced: Vec<PathBuf>, config: &Config) -> io::Result<()> {
+    fn fill(
+        &self,
+        metrics: &mut JsonLines,
+        replaced: Vec<PathBuf>,
+        config: &Config,
+        init: Option<&Checkpoint>,
+    ) -> io::Result<()> {
         if !replaced.is_empty() {
             // Before the first file is gone: the checkpoints may be writable where the run's folder is not.
             tempfile::tempfile_in(&self.path)?;
@@ -167,6 +184,10 @@ impl RunDir {
         // The new run may have none; where it stays it is empty.
         let _ = fs::remove_dir(self.tensorboard());
         metrics.cut(0)?;
+        // Before the config, which makes it a run: no run may lack the weights that it starts with.
+        if let Some(init) = init {
+            init.write(&self.init())?;
+        }
         write_json(&self.config(), config)
     }
 
@@ -194,7 +215,7 @@ impl RunDir {
             ));
         }
         let stay = [self.config(), self.metrics()];
-        let go = [self.summary(), self.best(), self.last(), self.previous()];
+        let go = [self.summary(), self.progress(), self.best(), self.last(), self.previous(), self.init()];
         let mut entries = Vec::new();
         let mut files = Vec::new();
         for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
@@ -246,6 +267,13 @@ impl RunDir {
     }
     pub(super) fn checkpoints(&self) -> PathBuf {
         self.path.join(CHECKPOINTS)
+    }
+    pub(super) fn progress(&self) -> PathBuf {
+        self.path.join(PROGRESS)
+    }
+    /// The weights that the run started with, where they were not drawn.
+    pub(super) fn init(&self) -> PathBuf {
+        self.checkpoints().join(INIT)
     }
     pub(super) fn tensorboard(&self) -> PathBuf {
         self.path.join(TENSORBOARD)

@@ -5,6 +5,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread;
+use std::time::Duration;
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator;
@@ -21,6 +22,8 @@ const TERMINATED: u8 = 143;
 
 /// Who is told of the first signal, so that it can stop in good order; nobody in most commands.
 static LISTENER: OnceLock<Signals> = OnceLock::new();
+/// How soon a signal is noticed, and how long a step may take before that is said.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 
 /// What signals have asked for.
 #[derive(Clone, Debug, Default)]
@@ -85,6 +88,22 @@ impl Signals {
     fn listen_with(interrupts: Interrupts) -> Self {
         let stop = Arc::clone(&interrupts.stop);
         LISTENER.get_or_init(|| Self { stop, interrupts, exit_code: Arc::default() }).clone()
+    }
+
+    /// Says that a signal has been noticed if the step that the run is in takes so long that nobody would see it.
+    pub(super) fn tell_if_slow(&self) {
+        let stop = Arc::clone(&self.stop);
+        // The thread ends with the process. Without a thread the signal works all the same.
+        let _ = thread::Builder::new().spawn(move || {
+            while !stop.load(Ordering::Relaxed) {
+                thread::sleep(POLL_INTERVAL);
+            }
+            thread::sleep(POLL_INTERVAL);
+            super::say(
+                "\nstopping after the step that the run is in, with a checkpoint; press Ctrl-C again to end at\n\
+                 once, which loses what was trained since the last checkpoint",
+            );
+        });
     }
 
     /// The exit code of a process that a signal has stopped.

@@ -13,9 +13,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
 use super::run_dir::cannot_write;
-use super::train::{DEFAULT_CONFIG, DEFAULT_NAME};
+use super::train::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
 use super::{Failure, print};
-use crate::config::{self, Config};
+use crate::config::Config;
 use crate::study::{NamedConfig, Study, StudyDir, StudyError, Trial};
 
 /// Shortest time between two plain lines of progress.
@@ -35,7 +35,7 @@ const MAX_SEEDS: u64 = 1_000_000;
         --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
 )]
 pub(super) struct Arguments {
-    /// Config file (JSON), repeatable; without it the built-in default, configs/cartpole.json
+    /// Config file (JSON), `-` for standard input, repeatable; without it the built-in default, configs/cartpole.json
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// Values of a config key to compare: KEY=V1,V2 or, where values hold commas, KEY=[V1, V2] as JSON; repeatable
@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Trials at the same time [default: one per CPU]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=4096))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::integer::<1, 4096>)]
     jobs: Option<u64>,
     /// Show no progress and no summary
     #[arg(long)]
@@ -139,8 +139,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
     let mut sources = Vec::new();
     for path in &arguments.config {
-        let stem = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-        sources.push((stem, path.display().to_string(), config::read_file(path)?));
+        let (origin, text) = read_config(path)?;
+        sources.push((config_name(path), origin, text));
     }
     if sources.is_empty() {
         sources.push((DEFAULT_NAME.into(), "the built-in config".into(), DEFAULT_CONFIG.into()));

@@ -8,6 +8,7 @@ use std::sync::atomic::Ordering;
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::init::first_step;
 use super::resume::{Run, load};
 use super::run_dir::{RunDir, bad};
 use super::signals::Signals;
@@ -15,10 +16,9 @@ use super::train::Record;
 use super::{Failure, print};
 use crate::checkpoint::{Checkpoint, sha256};
 use crate::config::{MAX_BYTES, difference};
-use crate::env::CartPole;
 use crate::files::{open_ordinary, read_limited, read_text_limited};
-use crate::sink::Console;
-use crate::trainer::{BEST, EndReason, EventSink, Header, LAST, PREVIOUS, Trainer};
+use crate::sink::{Console, ProgressCsv};
+use crate::trainer::{BEST, EndReason, EventSink, Header, LAST, PREVIOUS};
 
 /// Largest checkpoint and summary that are read, in bytes.
 const MAX_CHECKPOINT: u64 = 1 << 32;
@@ -75,12 +75,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     config.check_memory(1).map_err(Failure::BadInput)?;
     let folder = tempfile::tempdir().map_err(failed)?;
-    let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config)?;
-    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
+    let (mut trainer, init) = first_step(&run, config.clone())?;
+    let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config, init.as_ref())?;
+    let progress = ProgressCsv::create(&again.progress()).map_err(failed)?;
+    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics), Box::new(progress)];
     if !arguments.quiet {
         sinks.push(Box::new(Console::new(config.budget, 0)));
     }
-    let mut trainer = Trainer::new(config, CartPole::v1());
     let reason = train(&mut trainer, &mut sinks, &again, &extent, &signals)?;
     drop(sinks);
     let mut differences = compare_files(&run, &again, &extent)?;
@@ -119,7 +120,14 @@ fn train(
 /// What the metrics and the checkpoints of a run and its repetition differ in.
 fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, Failure> {
     let mut differences = Vec::new();
-    differences.extend(compare_lines(&run.metrics(), &again.metrics(), extent.lines)?);
+    differences.extend(compare_lines("metrics.jsonl", &run.metrics(), &again.metrics(), extent.lines)?);
+    // Runs of earlier versions have none.
+    if run.progress().exists() {
+        let rows =
+            read_text_limited(&again.progress(), MAX_CHECKPOINT).map_err(failed)?.lines().count() as u64;
+        let count = if extent.env_steps.is_some() { rows } else { u64::MAX };
+        differences.extend(compare_lines("progress.csv", &run.progress(), &again.progress(), count)?);
+    }
     for name in [BEST, LAST, PREVIOUS] {
         let (path, repeated) = (run.checkpoints().join(name), again.checkpoints().join(name));
         if name == BEST && extent.env_steps.is_some_and(|last| step_of(&path).is_some_and(|step| step > last))
@@ -147,7 +155,12 @@ fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<St
 }
 
 /// The first of so many lines that differs.
-fn compare_lines(recorded: &Path, repeated: &Path, count: u64) -> Result<Option<String>, Failure> {
+fn compare_lines(
+    name: &str,
+    recorded: &Path,
+    repeated: &Path,
+    count: u64,
+) -> Result<Option<String>, Failure> {
     let open = |path| open_ordinary(File::options().read(true), path).map(BufReader::new).map_err(failed);
     let line = |file: &mut BufReader<File>| {
         let mut line = Vec::new();
@@ -158,7 +171,7 @@ fn compare_lines(recorded: &Path, repeated: &Path, count: u64) -> Result<Option<
         match (line(&mut recorded)?, line(&mut repeated)?) {
             (a, b) if a != b => {
                 let (a, b) = (shown(&a), shown(&b));
-                let text = format!("metrics.jsonl, first at line {number}:\n  recorded {a}\n  repeated {b}");
+                let text = format!("{name}, first at line {number}:\n  recorded {a}\n  repeated {b}");
                 return Ok(Some(text));
             }
             (a, _) if a.is_empty() => break,
@@ -184,13 +197,24 @@ fn read_summary(run: &RunDir) -> Result<Value, Failure> {
     let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(failed)?;
     let summary: Value = serde_json::from_str(&text)
         .map_err(|error| bad(run.path(), &format!("has a damaged summary.json: {error}")))?;
-    let config = sha256([read_limited(&run.config(), MAX_BYTES).map_err(failed)?]);
-    if summary["config_sha256"] != config {
-        return Err(Failure::Failed(format!(
-            "{} does not agree: the SHA-256 of its config.json is {config}, and summary.json says {}",
-            run.path().display(),
-            summary["config_sha256"]
-        )));
+    let files = [
+        ("config_sha256", run.config(), MAX_BYTES),
+        // None in the summary and no file where the first weights were drawn.
+        ("init_sha256", run.init(), MAX_CHECKPOINT),
+    ];
+    for (field, path, max_bytes) in files {
+        let found = match read_limited(&path, max_bytes) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Value::Null,
+            read => json!(sha256([read.map_err(failed)?])),
+        };
+        if summary[field] != found {
+            return Err(Failure::Failed(format!(
+                "{} does not agree: the SHA-256 of its {} is {found}, and summary.json says {}",
+                run.path().display(),
+                path.strip_prefix(run.path()).unwrap_or(&path).display(),
+                summary[field]
+            )));
+        }
     }
     Ok(summary)
 }
@@ -203,7 +227,12 @@ fn compare_summaries(recorded: Value, repeated: &Record) -> Option<String> {
         }
         summary
     };
-    let difference = difference("", &outcome(recorded), &outcome(json!(repeated)));
+    let mut repeated = json!(repeated);
+    // Earlier versions did not write it.
+    if let (None, Some(fields)) = (recorded.get("mean_return_100"), repeated.as_object_mut()) {
+        fields.remove("mean_return_100");
+    }
+    let difference = difference("", &outcome(recorded), &outcome(repeated));
     difference.map(|difference| format!("summary.json: {difference}"))
 }
 

@@ -68,6 +68,11 @@ pub(super) const KEYS: &[Key] = &[
     key("stop_when_solved", Allowed::Bool, "the run ends at the first evaluation with a mean of at least 475"),
 ];
 
+/// The path of every key, `group.name`.
+pub fn key_paths() -> impl Iterator<Item = &'static str> {
+    KEYS.iter().map(|key| key.path)
+}
+
 const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
 const UNIT: Allowed = Allowed::Number("from 0 to 1", (Included(0.0), Included(1.0)));
 const BELOW_ONE: Allowed = Allowed::Number("from 0 to below 1", (Included(0.0), Excluded(1.0)));

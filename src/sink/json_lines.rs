@@ -1,11 +1,14 @@
 //! `metrics.jsonl`: one event a line.
 
 use std::fs::{File, TryLockError};
-use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use crate::files::{is_at, open_ordinary};
 use crate::trainer::event::{Event, EventSink};
+
+/// Most bytes of a line that are read at once; an event has less than a thousand.
+const MAX_LINE: u64 = 1 << 20;
 
 /// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take. As
 /// long as it is there no other process gets hold of the file.
@@ -61,6 +64,26 @@ impl JsonLines {
         self.file.set_len(length)?;
         self.file.seek(SeekFrom::End(0))?;
         Ok(true)
+    }
+}
+
+impl JsonLines {
+    /// Tells a sink the events that are in the file, lines that are none apart.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or the sink fails.
+    pub fn replay(&mut self, sink: &mut dyn EventSink) -> io::Result<()> {
+        self.file.rewind()?;
+        let mut reader = BufReader::new(&self.file);
+        let mut line = Vec::new();
+        while (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)? > 0 {
+            if let Ok(event) = serde_json::from_slice(&line) {
+                sink.emit(&event)?;
+            }
+            line.clear();
+        }
+        self.file.seek(SeekFrom::End(0))?;
+        Ok(())
     }
 }
 

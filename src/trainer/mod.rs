@@ -119,6 +119,13 @@ impl<E: Environment> Trainer<E> {
         }
     }
 
+    /// Lets a run before its first step begin with the weights of a policy of the same layer sizes, in both networks.
+    /// False if a weight leaves the finite under the config's observation scale.
+    #[must_use]
+    pub fn start_from(&mut self, policy: &Mlp<f32>) -> bool {
+        self.agent.set_policy(policy)
+    }
+
     /// Trains until the budget is used up, or the task is solved if that is to end the run. `checkpoints` is the
     /// folder for [`LAST`], [`PREVIOUS`] and [`BEST`]; it exists.
     ///

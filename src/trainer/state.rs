@@ -65,6 +65,12 @@ impl Progress {
             && self.recent_returns.len() <= RECENT_EPISODES
     }
 
+    /// Mean return of the last 100 training episodes, or of as many as there are; none before the first has ended.
+    pub fn mean_return_100(&self) -> Option<f64> {
+        let count = self.recent_returns.len();
+        (count > 0).then(|| self.recent_returns.iter().sum::<f64>() / count as f64)
+    }
+
     /// Whether the run has used a budget up.
     pub(super) fn uses_up(&self, budget: Budget) -> bool {
         match budget {

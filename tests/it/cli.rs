@@ -184,7 +184,7 @@ refusals! {
         [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1001", "`replay.warmup_steps`"];
     refuses_a_config_without_its_flag_and_names_it:
         [("my.json", b"{}")], ["train", "my.json"] => ["'my.json'", "--config FILE"];
-    refuses_a_key_as_a_flag_and_names_set: [], ["train", "--lr", "0.1"] => ["'--lr'", "--set KEY=VALUE"];
+    refuses_a_flag_that_nobody_knows_and_names_set: [], ["train", "--frobnicate", "1"] => ["'--frobnicate'", "--set KEY=VALUE"];
     refuses_a_set_with_a_space: [], ["train", "--set", "gamma", "0.9"] => ["'0.9'", "--set KEY=VALUE"];
     refuses_the_short_name_of_a_key_and_lists_its_group:
         [], ["train", "--set", "optimizer.lr=0.1"] => ["`optimizer.lr`", "`learning_rate`"];
@@ -272,6 +272,7 @@ fn a_run_goes_into_an_empty_folder_and_leaves_nothing_else() {
         "/checkpoints/previous.safetensors",
         "/config.json",
         "/metrics.jsonl",
+        "/progress.csv",
         "/summary.json",
     ];
     let expected = expected.iter().map(|name| sandbox.path(&format!("run{name}")));
@@ -302,6 +303,7 @@ fn json_prints_the_summary_alone() {
         "episodes",
         "final_evaluation",
         "git_revision",
+        "mean_return_100",
         "seed",
         "solved_at_step",
         "updates",
@@ -325,10 +327,9 @@ fn quiet_prints_nothing() {
 
 #[test]
 fn the_summary_names_the_command_that_evaluates_the_run() {
-    let printed =
-        predicate::str::contains(" eval --checkpoint run\n").and(predicate::str::contains("sha256"));
+    let printed = predicate::str::contains(" eval run\n").and(predicate::str::contains("SHA-256"));
     Sandbox::new().train(&["--out", "run"]).success().stdout(printed);
-    let printed = predicate::str::contains(" eval --checkpoint 'my run'\n");
+    let printed = predicate::str::contains(" eval 'my run'\n");
     Sandbox::new().train(&["--out", "my run"]).success().stdout(printed);
 }
 
@@ -372,7 +373,8 @@ fn the_resolved_config_gives_the_same_run_again_byte_for_byte() {
 fn a_diverging_run_names_the_step_and_keeps_the_last_good_checkpoint() {
     let sandbox = Sandbox::new();
     let arguments =
-        [&["train", "--out", "run", "--set", "checkpoint.every_steps=10"], &sets(DIVERGING)[..]].concat();
+        [&["train", "--quiet", "--out", "run", "--set", "checkpoint.every_steps=10"], &sets(DIVERGING)[..]]
+            .concat();
     let message = predicate::str::is_match(
         r"^error: training diverged: at environment step \d+ .*NaN.* kept in run\n$",
     );

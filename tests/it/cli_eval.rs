@@ -28,7 +28,7 @@ refusals! {
         [("run/config.json", b"{}")], ["eval", "--checkpoint", "run"] => ["folder run", "best.safetensors"];
     refuses_to_inspect_what_is_no_checkpoint:
         [("x", b"hello, world")], ["inspect", "--checkpoint", "x"] => ["x", "not a safetensors file"];
-    refuses_zero_episodes: [], ["eval", "--policy", "random", "--episodes", "0"] => ["--episodes", "'0'", "1..="];
+    refuses_zero_episodes: [], ["eval", "--policy", "random", "--episodes", "0"] => ["--episodes", "'0'", "from 1 to 10000000"];
     refuses_seeds_beyond_the_largest:
         [], ["eval", "--policy", "random", "--seed", "18446744073709551615", "--episodes", "2"]
         => ["--seed 18446744073709551615", "--episodes 2", "largest seed"];

@@ -7,6 +7,7 @@ mod cli_config;
 mod cli_eval;
 mod cli_show;
 mod cli_tensorboard;
+mod cli_train;
 mod config;
 mod golden_physics;
 mod golden_update;
