@@ -150,7 +150,7 @@ mod tests {
         assert!(table.lines().all(|line| width(line) <= COLUMNS), "{table}");
         assert!(table.contains("   1  nnn") && table.contains("nnn    0.5\n"), "{table}");
         let legend = legend(&rows, &table);
-        assert!(legend.starts_with("Names in full:\n  1: nnn") && !legend.contains("short"), "{legend}");
+        assert!(legend.starts_with("Names in full:\n  1:\n    nnn") && !legend.contains("short"), "{legend}");
     }
 
     #[test]

@@ -244,7 +244,7 @@ fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
     }
     if let Some(Retention { evaluations, solved, worst: Some(worst), collapses }) = &report.retention {
         said.push(format!(
-            "retained: {solved} of the {evaluations} evaluations after the first solution solve, {collapses} collapses, \
+            "retained: {solved} of the {evaluations} evaluations after the first solution solve, collapses: {collapses}, \
              the worst is {}",
             at(worst)
         ));
@@ -257,7 +257,7 @@ fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
         };
         let count = EPISODES.min(*episodes);
         said.push(format!(
-            "training: mean return {mean_return_100:.1} over the last {count} episodes; {solved}"
+            "training: mean return {mean_return_100:.1} over the last {count} training episodes; {solved}"
         ));
     }
     said.push(format!("best: {}", at(best)));

@@ -11,11 +11,13 @@ use super::ranking::{self, Failures, Ranked, failure_lines, failures, named_tabl
 use super::statistics::{self, BOOTSTRAP_SEED, Estimate, LEAST_SEEDS, RESAMPLES, iqm, mean, median, sorted};
 use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots};
 use crate::study::{self, MANIFEST, PolicyScore, Trial, finished_seeds, read_trial, trial_path};
-use crate::text::{table, visible, wrapped};
+use crate::text::{shortened, table, visible, wrapped};
 use crate::trainer::Evaluation;
 
 /// Most configs that a note names.
 const MAX_NAMED: usize = 3;
+/// Widest name in a sentence, in columns.
+const MAX_NAME: usize = 48;
 /// The thresholds τ of a performance profile: 0, 5, …, 495.
 const PROFILE_STEP: u32 = 5;
 const PROFILE_POINTS: u32 = 100;
@@ -446,7 +448,7 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
             &format!(
                 "Against {}, the first config: probability that a seed of the config beats a seed of that one, and \
                  difference of the IQMs:",
-                visible(against)
+                shortened(&visible(against), MAX_NAME)
             ),
             &["P(better)", "difference"],
             &|i| {

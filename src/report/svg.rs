@@ -371,7 +371,7 @@ fn number(value: f64, largest: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
-    if !(1e-3..1e15).contains(&largest) {
+    if !(1e-2..1e15).contains(&largest) {
         return format!("{value:.1e}").replace(".0e", "e");
     }
     let unit = UNITS.into_iter().find(|(unit, _)| largest >= 1e4 && value.abs() >= *unit);
@@ -404,6 +404,8 @@ mod tests {
         assert_eq!(axis(7000.0, 10.0), ["0", "1000", "2000", "3000", "4000", "5000", "6000", "7000"]);
         assert_eq!(axis(1.02, 5.0), ["0", "0.5", "1"]);
         assert_eq!(numbers(&ticks((-2.0, 2.0), 5.0)), ["-2", "-1", "0", "1", "2"]);
+        // No label may stand out of the narrow plot, whose margin takes six characters.
+        assert_eq!(numbers(&ticks((-1e-3, 0.0), 3.0)), ["-1e-3", "-5e-4", "0"]);
         let mut end = 1e-7;
         while end < 1e19 {
             let numbers = axis(end, 5.0);

@@ -324,8 +324,8 @@ fn the_report_of_a_run_says_what_happened_and_when() {
         "solved at step 600: the first of 17 evaluations ≥ 475 ",
         "collapsed at step 1600: mean return 120.0 at step 1600, mean return 480.0 at step 1500 before; solved again at step 1700 ",
         " moved first: td_error.q90 was 9.0000 at step 1500, 1.1071 ± 0.0829 before ",
-        "retained: 10 of the 11 evaluations after the first solution solve, 1 collapses, the worst is mean return 120.0",
-        "training: mean return 500.0 over the last 17 episodes; the classic criterion takes 100 ",
+        "retained: 10 of the 11 evaluations after the first solution solve, collapses: 1, the worst is mean return 120.0",
+        "training: mean return 500.0 over the last 17 training episodes; the classic criterion takes 100 ",
         "best: mean return 500.0 at step 1700 ",
         "final: mean return 500.0 at step 1700 (the run has not ended) ",
     ] {
