@@ -1,6 +1,6 @@
 //! `cartpole-dqn study`
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::num::NonZero;
 use std::ops::Range;
@@ -13,10 +13,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
 use super::run_dir::cannot_write;
+use super::signals::Signals;
 use super::train::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
-use super::{Failure, print};
+use super::{Failure, print, shell_word};
 use crate::config::Config;
+use crate::report;
 use crate::study::{NamedConfig, Study, StudyDir, StudyError, Trial};
+use crate::text::{visible, wrapped};
 
 /// Shortest time between two plain lines of progress.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
@@ -27,8 +30,9 @@ const MAX_SEEDS: u64 = 1_000_000;
 
 /// Train every config, in every variation, with every seed.
 ///
-/// Each trial's result is one file, so that a study that was stopped goes on when the same command is given again, also
-/// with more seeds at the end. The results depend neither on --jobs nor on the order in which trials end.
+/// Each combination of config, variation and seed is a trial and writes one file. A study that was stopped is resumed by
+/// the same command, which may have more seeds at the end. The results do not depend on --jobs. At the end the configs
+/// are printed, the best first; the exit code is 1 if a trial failed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --vary loss=mse,huber --seeds 0..100 \
@@ -47,13 +51,13 @@ pub(super) struct Arguments {
     /// Training seeds from A to B − 1
     #[arg(long, value_name = "A..B", value_parser = seeds, allow_hyphen_values = true)]
     seeds: Range<u64>,
-    /// Folder for the study
+    /// Directory for the study
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Trials at the same time [default: one per CPU]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::integer::<1, 4096>)]
     jobs: Option<u64>,
-    /// Show no progress and no summary
+    /// Show no progress and no result
     #[arg(long)]
     quiet: bool,
 }
@@ -118,21 +122,48 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             Failure::BadInput(format!("{error} (--jobs {jobs} trains so many runs at the same time)"))
         })?;
     }
+    let signals = Signals::listen();
     let folder = StudyDir::open(&arguments.out, &study)?;
     let mut progress = Progress::new(study.configs.len() as u64, &study.seeds, arguments.quiet);
     for trial in folder.finished(&study) {
         progress.count(&trial?);
     }
     progress.start();
-    folder.run(&study, jobs, |trial| {
+    let ended = folder.run(&study, jobs, &signals.stop, |trial| {
         progress.count(trial);
         progress.show();
-    })?;
-    let counts = progress.finish();
-    if arguments.quiet {
-        return Ok(());
+    });
+    progress.bar.finish_and_clear();
+    ended?;
+    if progress.done < progress.total {
+        return Err(Failure::Interrupted(progress.interrupted(), signals.exit_code()));
     }
-    print(&format!("{counts}\nstudy      {0}\nreport     cartpole-dqn report {0}\n", arguments.out.display()))
+    let out = arguments.out.to_string_lossy();
+    let report = format!("cartpole-dqn report {}", shell_word(&out));
+    if !arguments.quiet {
+        let result = report::standing(&arguments.out)?;
+        print(&format!(
+            "{}\n{result}\nstudy      {}\nreport     {report}\n",
+            progress.result(),
+            visible(&out)
+        ))?;
+    }
+    match progress.first_error {
+        None => Ok(()),
+        Some(error) => {
+            let Progress { failed, done, .. } = progress;
+            Err(Failure::Failed(format!(
+                "{failed} of {done} trials failed, for example {error}; see: {report}"
+            )))
+        }
+    }
+}
+
+/// The command that this process was started with.
+fn own_command() -> String {
+    let words: Vec<String> =
+        std::env::args_os().map(|word| visible(&shell_word(&word.to_string_lossy()))).collect();
+    words.join(" ")
 }
 
 /// Every config in every variation, all of them valid.
@@ -140,7 +171,7 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
     let mut sources = Vec::new();
     for path in &arguments.config {
         let (origin, text) = read_config(path)?;
-        sources.push((config_name(path), origin, text));
+        sources.push((config_name(path), visible(&origin), text));
     }
     if sources.is_empty() {
         sources.push((DEFAULT_NAME.into(), "the built-in config".into(), DEFAULT_CONFIG.into()));
@@ -148,9 +179,22 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
     if arguments.set.iter().any(|set| set.starts_with("seed=")) {
         return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));
     }
+    for Variation { key, .. } in &arguments.vary {
+        let is_overwritten = |set: &&String| {
+            let below = set.strip_prefix(key.as_str());
+            below.is_some_and(|rest| rest.starts_with(['=', '.']))
+        };
+        if let Some(set) = arguments.set.iter().find(is_overwritten) {
+            return Err(Failure::BadInput(format!(
+                "--vary {key} overwrites --set {}; give one of the two",
+                visible(set)
+            )));
+        }
+    }
     let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
     let mut configs: Vec<NamedConfig> = Vec::new();
     for (stem, origin, text) in &sources {
+        let mut seen = BTreeMap::new();
         for variation in &variations {
             let name = [std::slice::from_ref(stem), variation].concat().join(" ");
             let sets = [&arguments.set[..], variation].concat();
@@ -159,6 +203,16 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
                     [] => error.into(),
                     _ => Failure::BadInput(format!("variation {}: {error}", variation.join(" "))),
                 })?;
+            // Two spellings of one value, such as 0.9 and 0.90, would train the same config twice.
+            let parsed =
+                serde_json::to_string(&config).map_err(|error| Failure::Failed(error.to_string()))?;
+            if let Some(other) = seen.insert(parsed, variation) {
+                return Err(Failure::BadInput(format!(
+                    "--vary: {} and {} are the same config; leave one out",
+                    other.join(" "),
+                    variation.join(" ")
+                )));
+            }
             if configs.iter().any(|other| other.name == name) {
                 return Err(Failure::BadInput(format!(
                     "--config {origin}: two configs are called {stem:?}; rename a file"
@@ -200,6 +254,7 @@ struct Progress {
     done: u64,
     solved: u64,
     failed: u64,
+    first_error: Option<String>,
 }
 
 impl Progress {
@@ -210,13 +265,26 @@ impl Progress {
         {
             bar.set_style(style);
         }
-        Self { bar, quiet, last_line: Instant::now(), total, done: 0, solved: 0, failed: 0 }
+        Self {
+            bar,
+            quiet,
+            last_line: Instant::now(),
+            total,
+            done: 0,
+            solved: 0,
+            failed: 0,
+            first_error: None,
+        }
     }
 
     fn count(&mut self, trial: &Trial) {
         self.done += 1;
         self.solved += u64::from(trial.solved());
-        self.failed += u64::from(trial.error.is_some());
+        if let Some(error) = &trial.error {
+            self.failed += 1;
+            let Trial { config, seed, .. } = trial;
+            self.first_error.get_or_insert_with(|| visible(&format!("{config}, seed {seed}: {error}")));
+        }
     }
 
     /// The trials counted until now took no time.
@@ -247,12 +315,20 @@ impl Progress {
         }
     }
 
-    fn finish(&self) -> String {
-        self.bar.finish_and_clear();
+    fn result(&self) -> String {
         format!(
             "trials     {}\nsolved     {} by the final policy (mean return ≥ 475 over eval's 100 episodes)\n\
-             failed     {}",
+             failed     {}\n",
             self.done, self.solved, self.failed
         )
+    }
+
+    fn interrupted(&self) -> String {
+        let Self { done, total, .. } = self;
+        let what = format!(
+            "stopped: {done} of {total} trials are finished and kept; those that were training were dropped and begin \
+             again. Resume the study with the same command:"
+        );
+        format!("{}  {}", wrapped(&what, 0), own_command())
     }
 }

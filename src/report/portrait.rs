@@ -48,10 +48,15 @@ impl Portrait {
     /// The portrait of the policy in a run's folder; none without a checkpoint. Q-values are divided by `reward_scale`,
     /// so that they are returns.
     pub(super) fn of(folder: &Path, reward_scale: f64) -> Result<Option<Self>, ReportError> {
-        let Some(name) = CHECKPOINTS.into_iter().find(|name| folder.join(name).is_file()) else {
-            return Ok(None);
-        };
-        let path = folder.join(name);
+        let mut found = None;
+        for name in CHECKPOINTS {
+            let path = folder.join(name);
+            if path.try_exists().map_err(|error| ReportError::unreadable(&path, &error))? {
+                found = Some((name, path));
+                break;
+            }
+        }
+        let Some((name, path)) = found else { return Ok(None) };
         type Task = TimeLimit<CartPole>;
         let checkpoint = Checkpoint::read(&path).map_err(|error| ReportError::new(&path, error.problem))?;
         let policy = checkpoint

@@ -12,6 +12,7 @@ use crate::files::{
     create_folders, is_at, is_unfinished, open_ordinary, read_text_limited, remove_empty, remove_unfinished,
     write_json, write_json_new, write_whole,
 };
+use crate::text::visible;
 
 /// Name of the file that says what a study runs.
 pub const MANIFEST: &str = "study.json";
@@ -23,7 +24,7 @@ const MAX_FILE_SIZE: u64 = 1 << 26;
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
     /// The folder cannot be used.
-    #[error("folder {} {problem}", path.display())]
+    #[error("directory {} {problem}", shown(path))]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -31,7 +32,10 @@ pub enum StudyError {
         problem: String,
     },
     /// A trial's file is not one.
-    #[error("{} is not a trial of this study: {problem}; remove the file, and the study runs it again", path.display())]
+    #[error(
+        "{} is not a trial of this study: {problem}; remove the file, and the study trains it again",
+        shown(path)
+    )]
     Trial {
         /// The file.
         path: PathBuf,
@@ -47,13 +51,17 @@ pub enum StudyError {
         source: io::Error,
     },
     /// A trial cannot be written.
-    #[error("cannot write {}: {source}; the same command goes on from here", path.display())]
+    #[error("cannot write {}: {source}; the same command resumes the study", shown(path))]
     Write {
         /// The file.
         path: PathBuf,
         /// Why.
         source: io::Error,
     },
+}
+
+fn shown(path: &Path) -> String {
+    visible(&path.to_string_lossy())
 }
 
 /// The file of a trial, given as (index of its config, seed), in the folder of its study.
@@ -201,7 +209,7 @@ fn lock(manifest: &Path) -> Result<(File, String), String> {
     Ok((file, text))
 }
 
-/// Whether a study goes on from the manifest `found` with more seeds; an error if it is another study.
+/// Whether a study is that of the manifest `found` with more seeds; an error if it is another study.
 fn more_seeds(found: &Value, study: &Study) -> Result<bool, String> {
     let mut given = json!(study);
     let bound = |name: &str| found["seeds"][name].as_u64();
