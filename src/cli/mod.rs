@@ -4,10 +4,13 @@ mod completions;
 mod config;
 mod eval;
 mod inspect;
+mod output;
+mod policy;
 mod render;
 mod report;
 mod resume;
 mod run_dir;
+mod runs;
 mod signals;
 mod study;
 mod train;
@@ -41,6 +44,7 @@ enum Command {
     Train(train::Arguments),
     Eval(eval::Arguments),
     Inspect(inspect::Arguments),
+    Runs(runs::Arguments),
     Watch(watch::Arguments),
     Render(render::Arguments),
     Study(study::Arguments),
@@ -77,7 +81,7 @@ impl From<CheckpointError> for Failure {
     fn from(error: CheckpointError) -> Self {
         let hint = match error.problem {
             Problem::Unreadable(_) | Problem::NotSafetensors(_) => {
-                "; --checkpoint takes a .safetensors file or a run's folder"
+                "; give a .safetensors file or the directory of a run"
             }
             _ => "",
         };
@@ -108,6 +112,7 @@ pub fn run() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Runs(arguments) => runs::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),

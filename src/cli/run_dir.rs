@@ -9,7 +9,8 @@ use crate::config::{Config, MAX_BYTES};
 use crate::files::{is_unfinished, open_ordinary, read_text_limited, write_json};
 use crate::report;
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
-use crate::trainer::{BEST, LAST, PREVIOUS};
+use crate::study::MANIFEST;
+use crate::trainer::{BEST, Evaluation, LAST, PREVIOUS, Summary};
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
@@ -24,6 +25,9 @@ pub(super) struct RunDir {
 }
 
 impl RunDir {
+    /// What `train` makes in the directory of every run.
+    pub(super) const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
+
     /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
     /// then removed.
@@ -229,9 +233,35 @@ pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
         return Ok(path.to_owned());
     }
     let run = RunDir { path: path.to_owned() };
-    [run.best(), run.last()].into_iter().find(|file| file.is_file()).ok_or_else(|| {
-        bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run"))
-    })
+    for file in [run.best(), run.last()] {
+        match file.metadata() {
+            Ok(found) if found.is_file() => return Ok(file),
+            Ok(_) => {}
+            Err(error) if [io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind()) => {
+            }
+            Err(error) => {
+                return Err(bad(
+                    path,
+                    &format!("cannot be searched for a policy: {}: {error}", file.display()),
+                ));
+            }
+        }
+    }
+    if path.join(MANIFEST).is_file() {
+        return Err(bad(
+            path,
+            "is a study: its trials keep scores and no policies. To get a policy, train one of its configs: \
+             cartpole-dqn train --config FILE --seed N",
+        ));
+    }
+    Err(bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run")))
+}
+
+/// The evaluation at the end of the run in a directory, as its summary has it, and the checkpoint of that policy.
+pub(super) fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
+    let run = RunDir { path: path.to_owned() };
+    let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;
+    Some((summary.final_evaluation?, run.last()))
 }
 
 pub(super) fn bad(path: &Path, problem: &str) -> Failure {

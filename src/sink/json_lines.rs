@@ -3,9 +3,16 @@
 use std::fs::{File, TryLockError};
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::thread;
+use std::time::Duration;
 
 use crate::files::open_ordinary;
 use crate::trainer::event::{Event, EventSink};
+
+/// How often the file's lock is asked for, and the time between. The command `runs` has the lock for microseconds, to see
+/// whether somebody trains; a process that trains keeps it.
+const ATTEMPTS: u32 = 5;
+const PAUSE: Duration = Duration::from_millis(10);
 
 /// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take. As
 /// long as it is there no other process gets hold of the file.
@@ -26,11 +33,17 @@ impl JsonLines {
             Err(error) if error.kind() == io::ErrorKind::NotFound => options.create_new(true).open(path)?,
             opened => opened?,
         };
-        match file.try_lock() {
-            Err(TryLockError::WouldBlock) => Err(io::ErrorKind::WouldBlock.into()),
-            // A file system without locks is no reason to refuse.
-            Ok(()) | Err(TryLockError::Error(_)) => Ok(Self { file }),
+        for attempt in 0..ATTEMPTS {
+            if attempt > 0 {
+                thread::sleep(PAUSE);
+            }
+            match file.try_lock() {
+                Err(TryLockError::WouldBlock) => {}
+                // A file system without locks is no reason to refuse.
+                Ok(()) | Err(TryLockError::Error(_)) => return Ok(Self { file }),
+            }
         }
+        Err(io::ErrorKind::WouldBlock.into())
     }
 
     /// Removes what follows the first `lines` lines; false, and no change, if there are fewer whole ones.
