@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
-use std::io::{self, Read as _};
+use std::io::{self, Read};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -188,6 +188,24 @@ impl Checkpoint {
             Self::from_bytes(&bytes)
         };
         read().map_err(|problem| CheckpointError { path: path.to_owned(), problem })
+    }
+
+    /// Reads a stream whole.
+    ///
+    /// # Errors
+    /// As [`Self::read`]. What does not begin as a safetensors file does is not read any further.
+    pub fn read_from(mut stream: impl Read) -> Result<Self, Problem> {
+        let mut bytes = Vec::new();
+        // The length of the header in 8 bytes, then the header, which is a JSON object.
+        stream.by_ref().take(9).read_to_end(&mut bytes).map_err(Problem::Unreadable)?;
+        if bytes.last() == Some(&b'{') {
+            stream.take(MAX_FILE_SIZE).read_to_end(&mut bytes).map_err(Problem::Unreadable)?;
+        }
+        if bytes.len() as u64 > MAX_FILE_SIZE {
+            let message = format!("larger than {MAX_FILE_SIZE} bytes");
+            return Err(Problem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
+        }
+        Self::from_bytes(&bytes)
     }
 
     /// Parses the content of a file.

@@ -1,5 +1,7 @@
 //! Text for a terminal: how a foreign name is shown, and how tables and sentences fit a line.
 
+use std::path::Path;
+
 use ratatui::text::Span;
 
 /// Columns that every table and message fits.
@@ -19,6 +21,11 @@ pub fn visible(text: &str) -> String {
         if steers(c) { shown.extend(c.escape_default()) } else { shown.push(c) }
     }
     shown
+}
+
+/// A path as it can be shown anywhere: see [`visible`].
+pub fn shown(path: &Path) -> String {
+    visible(&path.to_string_lossy())
 }
 
 /// Columns that a text takes in a terminal.

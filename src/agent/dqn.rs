@@ -272,8 +272,9 @@ impl Policy for Dqn {
         argmax(self.buffers.acting.output(), 0)
     }
 
-    fn q_values(&self) -> &[f32] {
-        self.buffers.acting.output().as_slice()
+    fn q_values(&self) -> Vec<f32> {
+        let q = self.buffers.acting.output().iter();
+        q.map(|&q| (f64::from(q) / self.config.reward_scale) as f32).collect()
     }
 }
 

@@ -6,10 +6,13 @@ mod eval;
 mod flags;
 mod init;
 mod inspect;
+mod output;
+mod policy;
 mod render;
 mod report;
 mod resume;
 mod run_dir;
+mod runs;
 mod signals;
 mod study;
 mod train;
@@ -43,6 +46,7 @@ enum Command {
     Train(train::Arguments),
     Eval(eval::Arguments),
     Inspect(inspect::Arguments),
+    Runs(runs::Arguments),
     Watch(watch::Arguments),
     Render(render::Arguments),
     Study(study::Arguments),
@@ -66,6 +70,25 @@ enum Failure {
     Interrupted(String, u8),
 }
 
+impl Failure {
+    /// A file that cannot be written. The same cause has the same exit code in every command: a place that can never be
+    /// written is bad input, a disk that fails or is full is a failure.
+    fn unwritten(message: String, error: &io::Error) -> Self {
+        use io::ErrorKind as Kind;
+        match error.kind() {
+            Kind::PermissionDenied
+            | Kind::ReadOnlyFilesystem
+            | Kind::NotFound
+            | Kind::NotADirectory
+            | Kind::IsADirectory
+            | Kind::AlreadyExists
+            | Kind::InvalidFilename
+            | Kind::InvalidInput => Self::BadInput(message),
+            _ => Self::Failed(message),
+        }
+    }
+}
+
 impl From<ConfigError> for Failure {
     fn from(error: ConfigError) -> Self {
         let hint = match error {
@@ -82,7 +105,7 @@ impl From<CheckpointError> for Failure {
     fn from(error: CheckpointError) -> Self {
         let hint = match error.problem {
             Problem::Unreadable(_) | Problem::NotSafetensors(_) => {
-                "; --checkpoint takes a .safetensors file or a run's folder"
+                "; give a .safetensors file or the directory of a run"
             }
             _ => "",
         };
@@ -131,6 +154,7 @@ fn execute(command: Command) -> Result<(), Failure> {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Runs(arguments) => runs::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Study(arguments) => study::run(&arguments),

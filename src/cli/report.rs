@@ -9,7 +9,7 @@ use super::run_dir::cannot_write;
 use super::{Failure, print, print_json};
 use crate::files::{begins_with, write_json, write_whole};
 use crate::report::{self, REPORT, Report, ReportError};
-use crate::text::{visible, wrapped};
+use crate::text::{shown, wrapped};
 
 /// Say what a study or a run amounts to.
 ///
@@ -67,10 +67,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Ok(());
     }
     print(&format!("\n{}", wrapped(&format!("written to {}: {}", shown(out), written.join(", ")), 2)))
-}
-
-fn shown(path: &Path) -> String {
-    visible(&path.to_string_lossy())
 }
 
 fn write_page(file: &Path, folders: &[PathBuf]) -> Result<(), Failure> {

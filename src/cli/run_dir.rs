@@ -13,7 +13,8 @@ use crate::files::{
 };
 use crate::report;
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
-use crate::trainer::{BEST, LAST, PREVIOUS};
+use crate::study::MANIFEST;
+use crate::trainer::{BEST, Evaluation, LAST, PREVIOUS, Summary};
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
@@ -30,6 +31,9 @@ pub(super) struct RunDir {
 }
 
 impl RunDir {
+    /// What `train` makes in the directory of every run.
+    pub(super) const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
+
     /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
     /// then removed. Nothing is changed before the metrics are locked: another process may train in the folder.
@@ -300,31 +304,44 @@ pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
         return Ok(path.to_owned());
     }
     let run = RunDir { path: path.to_owned() };
-    [run.best(), run.last()].into_iter().find(|file| file.is_file()).ok_or_else(|| {
-        bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run"))
-    })
+    for file in [run.best(), run.last()] {
+        match file.metadata() {
+            Ok(found) if found.is_file() => return Ok(file),
+            Ok(_) => {}
+            Err(error) if [io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind()) => {
+            }
+            Err(error) => {
+                return Err(bad(
+                    path,
+                    &format!("cannot be searched for a policy: {}: {error}", file.display()),
+                ));
+            }
+        }
+    }
+    if path.join(MANIFEST).is_file() {
+        return Err(bad(
+            path,
+            "is a study: its trials keep scores and no policies. To get a policy, train one of its configs: \
+             cartpole-dqn train --config FILE --seed N",
+        ));
+    }
+    Err(bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run")))
+}
+
+/// The evaluation at the end of the run in a directory, as its summary has it, and the checkpoint of that policy.
+pub(super) fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
+    let run = RunDir { path: path.to_owned() };
+    let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;
+    Some((summary.final_evaluation?, run.last()))
 }
 
 pub(super) fn bad(path: &Path, problem: &str) -> Failure {
     Failure::BadInput(format!("folder {} {problem}", path.display()))
 }
 
-/// The same cause has the same exit code in every command: what cannot be written where the user wants it is bad input,
-/// a disk that fails or is full is a failure.
+/// A file of the user's choice that cannot be written.
 pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failure {
-    use io::ErrorKind as Kind;
-    let message = format!("cannot write {}: {error}{hint}", path.display());
-    match error.kind() {
-        Kind::PermissionDenied
-        | Kind::ReadOnlyFilesystem
-        | Kind::NotFound
-        | Kind::NotADirectory
-        | Kind::IsADirectory
-        | Kind::AlreadyExists
-        | Kind::InvalidFilename
-        | Kind::InvalidInput => Failure::BadInput(message),
-        _ => Failure::Failed(message),
-    }
+    Failure::unwritten(format!("cannot write {}: {error}{hint}", path.display()), error)
 }
 
 fn in_use(path: &Path) -> Failure {

@@ -38,8 +38,7 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
     let runs = named.map(|(folder, name)| Run::read(folder, name)).collect::<Result<Vec<_>, _>>()?;
     let mut portraits = Vec::new();
     for (folder, run) in folders.iter().zip(&runs) {
-        let scale = run.config["reward_scale"].as_f64().filter(|&scale| scale > 0.0).unwrap_or(1.0);
-        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder, scale)?}));
+        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder)?}));
     }
     let title = match &runs[..] {
         [run] => format!("Run {}", run.name),

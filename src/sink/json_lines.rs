@@ -3,12 +3,18 @@
 use std::fs::{File, TryLockError};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::thread;
+use std::time::Duration;
 
 use crate::files::{is_at, open_ordinary};
 use crate::trainer::event::{Event, EventSink};
 
 /// Most bytes of a line that are read at once; an event has less than a thousand.
 const MAX_LINE: u64 = 1 << 20;
+/// How often the file's lock is asked for, and the time between. The command `runs` has the lock for microseconds, to see
+/// whether somebody trains; a process that trains keeps it.
+const ATTEMPTS: u32 = 5;
+const PAUSE: Duration = Duration::from_millis(10);
 
 /// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take. As
 /// long as it is there no other process gets hold of the file.
@@ -35,12 +41,18 @@ impl JsonLines {
     }
 
     fn lock(file: File, path: &Path) -> io::Result<Self> {
-        let is_locked = match file.try_lock() {
-            Err(TryLockError::WouldBlock) => false,
-            // A file system without locks is no reason to refuse.
-            Ok(()) | Err(TryLockError::Error(_)) => is_at(&file, path)?,
-        };
-        if is_locked { Ok(Self { file }) } else { Err(io::ErrorKind::WouldBlock.into()) }
+        for attempt in 0..ATTEMPTS {
+            if attempt > 0 {
+                thread::sleep(PAUSE);
+            }
+            match file.try_lock() {
+                Err(TryLockError::WouldBlock) => {}
+                // A file system without locks is no reason to refuse.
+                Ok(()) | Err(TryLockError::Error(_)) if is_at(&file, path)? => return Ok(Self { file }),
+                Ok(()) | Err(TryLockError::Error(_)) => break,
+            }
+        }
+        Err(io::ErrorKind::WouldBlock.into())
     }
 
     /// Removes what follows the first `lines` lines; false, and no change, if there are fewer whole ones.

@@ -12,7 +12,7 @@ use crate::files::{
     create_folders, is_at, is_unfinished, open_ordinary, read_text_limited, remove_empty, remove_unfinished,
     write_json, write_json_new, write_whole,
 };
-use crate::text::visible;
+use crate::text::shown;
 
 /// Name of the file that says what a study runs.
 pub const MANIFEST: &str = "study.json";
@@ -58,10 +58,6 @@ pub enum StudyError {
         /// Why.
         source: io::Error,
     },
-}
-
-fn shown(path: &Path) -> String {
-    visible(&path.to_string_lossy())
 }
 
 /// The file of a trial, given as (index of its config, seed), in the folder of its study.

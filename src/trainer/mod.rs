@@ -2,6 +2,7 @@
 
 mod evaluate;
 pub mod event;
+mod saved;
 mod state;
 
 use std::io;
@@ -16,8 +17,9 @@ use crate::env::Environment;
 use crate::nn::Mlp;
 use crate::rng::{Rng, Stream};
 
-pub use evaluate::{Frame, Played, Score, TraceStep, evaluate, evaluate_discounted, play, q_values, record};
+pub use evaluate::{Frame, Played, Score, TraceStep, evaluate, evaluate_discounted, play, record};
 pub use event::{EndReason, Event, EventSink};
+pub use saved::SavedPolicy;
 pub use state::{Evaluation, Header, Progress, State, Summary};
 
 /// Name of the checkpoint with the best policy.

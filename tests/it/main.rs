@@ -5,6 +5,7 @@ mod arrows;
 mod cli;
 mod cli_config;
 mod cli_eval;
+mod cli_runs;
 mod cli_show;
 mod cli_tensorboard;
 mod cli_train;

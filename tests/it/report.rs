@@ -447,10 +447,10 @@ fn what_cannot_be_read_is_not_called_missing() {
 /// `/proc` takes no files from anybody.
 #[test]
 #[cfg(target_os = "linux")]
-fn a_report_that_cannot_be_written_is_printed_and_fails() {
+fn a_report_that_can_never_be_written_there_is_printed_and_refused() {
     let sandbox = Sandbox::with_run();
     for arguments in [["--out", "/proc/1/x"], ["--out", "/proc"], ["--html", "/proc/page.html"]] {
-        let output = sandbox.run(&[&["report", "run"], &arguments[..]].concat()).code(1);
+        let output = sandbox.run(&[&["report", "run"], &arguments[..]].concat()).code(2);
         let output = output.get_output();
         let [printed, message] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
         assert!(message.contains("cannot write /proc") && !printed.contains("written"), "{printed}{message}");

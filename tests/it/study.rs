@@ -154,7 +154,7 @@ fn a_signal_ends_a_study_which_says_how_to_resume_it() {
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!((output.status.code(), &output.stdout[..]), (Some(exit_code), &b""[..]), "{message}");
         assert!(message.contains("stopped: 0 of 4 trials are finished and kept"), "{message}");
-        let command = " study --jobs 2 --out s --seeds 0..4 --set 'budget.steps=4000000000'\n";
+        let command = " study --jobs 2 --out s --seeds 0..4 --set budget.steps=4000000000\n";
         assert!(message.ends_with(command), "{message}");
         assert_eq!(trials(&sandbox, "s"), 0);
         let unfinished = |path: &PathBuf| path.to_string_lossy().contains(".writing-");
@@ -268,7 +268,7 @@ fn a_trial_is_what_train_and_eval_give() {
         for (policy, steps) in [("best", "best_evaluation"), ("final", "final_evaluation")] {
             let file = format!("{run}/checkpoints/{}.safetensors", policy.replace("final", "last"));
             let mut score = stdout_json(&sandbox.run(&["eval", "--json", "--checkpoint", &file]).success());
-            for key in ["episodes", "seed", "solved", "returns"] {
+            for key in ["policy", "episodes", "seed", "solved", "returns"] {
                 score.as_object_mut().unwrap().remove(key);
             }
             score["env_steps"] = summary[steps]["env_steps"].clone();
