@@ -83,7 +83,7 @@ pub enum Problem {
     Unreadable(io::Error),
     #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
-    #[error("is damaged: its content does not have the SHA-256 that it was written with")]
+    #[error("is damaged: its content does not match the SHA-256 in it")]
     WrongSha256,
     #[error("has no tensor `{0}`")]
     Missing(String),
@@ -97,17 +97,17 @@ pub enum Problem {
     WrongNetwork { found: Vec<usize>, inputs: usize, outputs: usize },
     #[error("tensor `{0}` holds NaN or infinity")]
     NotFinite(String),
-    #[error("has no metadata of cartpole-dqn: another program wrote it")]
+    #[error("has no metadata of cartpole-dqn, so another program wrote it")]
     NoHeader,
     #[error("has format version {0}; this program reads versions 1 to {FORMAT_VERSION}")]
     WrongVersion(u32),
     #[error("its metadata is damaged: {0}")]
     BadHeader(String),
-    #[error("holds a policy but not the state of a run; `last.safetensors` does")]
+    #[error("holds only a policy and cannot be resumed; `last.safetensors` holds the state of a run")]
     NotResumable,
-    #[error("its replay memory does not fit together")]
+    #[error("its replay memory is inconsistent")]
     Replay,
-    #[error("its counters do not fit together, or are of another task")]
+    #[error("its counters are inconsistent, or belong to another task")]
     State,
     #[error(
         "has format version 1, which does not say how many lines of metrics.jsonl belong to it; train again"
@@ -115,7 +115,7 @@ pub enum Problem {
     NoPlace,
     #[error("needs more memory than there is: {0}")]
     Memory(String),
-    #[error("is not of the config beside it: {0}")]
+    #[error("does not belong to the config.json of its run: {0}")]
     OtherRun(String),
 }
 

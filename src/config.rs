@@ -1,6 +1,6 @@
 //! The config of a run: defaults < config file < `--set key.path=value`.
 //!
-//! Each `Layer` is read as a flat map (`"budget.steps"` → value) and held against one table, `KEYS`; they are
+//! Each `Layer` is read as a flat map (`"budget.steps"` → value) and checked against one table, `KEYS`; they are
 //! then merged into a [`Config`], and what binds several keys is checked last. A new key is a field, its default and
 //! a line of `KEYS`, from which the JSON Schema and `config show` follow; a new alternative of a group is a line of
 //! `alternatives`.

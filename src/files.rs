@@ -20,8 +20,8 @@ pub fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result
     write_whole_keeping(path, None, write)
 }
 
-/// As [`write_whole`], with the file that was there before under the name `kept`, whose own file goes. At any moment at
-/// least one of the two is there, whole.
+/// Like [`write_whole`], but the existing file survives under the name `kept` and replaces what had that name. At any
+/// moment at least one of the two is there and complete.
 ///
 /// # Errors
 /// See [`write_whole`].

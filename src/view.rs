@@ -39,7 +39,7 @@ const FRAME: Duration = Duration::from_millis(20);
 pub enum NoView {
     /// Input or output goes somewhere else.
     #[error(
-        "standard input and output are not a terminal, which this view needs; `train` alone shows its progress anywhere, \
+        "this view needs a terminal as standard input and output; `train` without --live shows its progress anywhere, \
          and `render` draws an episode into a file"
     )]
     NoTerminal,

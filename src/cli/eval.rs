@@ -24,7 +24,8 @@ const TRACE_START: &[u8] = b"{\"episode\":";
 
 /// Play a trained policy and score it.
 ///
-/// Episode i is Gymnasium's CartPole-v1 after reset(seed = SEED + i), so every score can be repeated there.
+/// Plays 100 episodes with the greedy policy and prints statistics of their returns. Episode i starts as Gymnasium's
+/// CartPole-v1 does after reset(seed = SEED + i), so every score can be repeated there.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn eval runs/my-run --episodes 100 --min-mean 475")]
 pub(super) struct Arguments {
@@ -37,20 +38,20 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true,
         value_parser = super::integer::<1, 10_000_000>)]
     episodes: u64,
-    /// Gymnasium seed of the first episode; the others follow
+    /// Gymnasium seed of the first episode; each later episode has the next seed
     #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
         allow_negative_numbers = true)]
     seed: u64,
     /// Exit with code 1 if the mean return is below this
     #[arg(long, value_name = "X", value_parser = finite, allow_negative_numbers = true)]
     min_mean: Option<f64>,
-    /// Write every step to this file, one JSON object a line; "-" is standard output, and the score then goes to stderr
+    /// Write every step to this file, one JSON object per line; "-" is standard output, and the score then goes to stderr
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Print the score as JSON, alone on standard output
+    /// Print the score as JSON, and nothing else, on standard output
     #[arg(long)]
     json: bool,
-    /// Print no score and no notes; the exit code still tells of --min-mean
+    /// Print no score and no notes; the exit code still says whether --min-mean was reached
     #[arg(long, conflicts_with = "json")]
     quiet: bool,
 }
@@ -112,7 +113,7 @@ fn finite(text: &str) -> Result<f64, String> {
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     if arguments.seed.checked_add(arguments.episodes - 1).is_none() {
         return Err(Failure::BadInput(format!(
-            "--seed {} + --episodes {} goes past the largest seed, {}",
+            "--seed {} + --episodes {} is beyond the largest seed, {}",
             arguments.seed,
             arguments.episodes,
             u64::MAX

@@ -33,7 +33,7 @@ use crate::view::NoView;
 
 /// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
 ///
-/// Exit codes: 0 done, 1 failed (or below --min-mean), 2 wrong usage or bad input, 130 or 143 stopped by a signal.
+/// Exit codes: 0 done; 1 tried and failed, or below --min-mean; 2 wrong usage or bad input; 130 or 143 stopped by a signal.
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 100)]
 struct Arguments {

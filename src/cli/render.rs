@@ -16,24 +16,24 @@ use crate::trainer::play;
 
 /// Draw an episode of a trained policy as an animated picture.
 ///
-/// 600 × 400 pixels and 50 frames a second, in the look of Gymnasium's renderer. The same checkpoint and seed give the
-/// same bytes.
+/// The picture has 600 × 400 pixels and 50 frames a second, and looks as Gymnasium's renderer draws it. The same checkpoint
+/// and seed give the same bytes.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn render runs/my-run -o episode.gif")]
 pub(super) struct Arguments {
     #[command(flatten)]
     place: Place,
-    /// The picture: .gif, or .svg, which is smaller and plays in browsers; "-" is standard output
+    /// File to write: .gif, or .svg, which is smaller and plays in browsers; "-" is standard output
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
-    /// What the picture is [default: what the name of the file says; gif on standard output]
+    /// Format of the picture [default: from the name of the file; gif on standard output]
     #[arg(long, value_name = "FORMAT")]
     format: Option<Format>,
     /// Gymnasium seed of the episode
     #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
         allow_negative_numbers = true)]
     seed: u64,
-    /// Draw no more than the first N steps of the episode
+    /// Draw only the first N steps of the episode
     #[arg(long, value_name = "N", default_value_t = 500, allow_negative_numbers = true,
         value_parser = super::integer::<1, 500>)]
     steps: u64,

@@ -11,7 +11,7 @@ use crate::files::{begins_with, write_json, write_whole};
 use crate::report::{self, REPORT, Report, ReportError};
 use crate::text::{shown, wrapped};
 
-/// Say what a study or a run amounts to.
+/// Summarise a study or a run: what happened, and how good the result is.
 ///
 /// Prints tables and writes report.json, evaluations.csv and plots (SVG); with --html one page with everything instead.
 #[derive(Debug, Args)]
@@ -21,13 +21,13 @@ pub(super) struct Arguments {
     /// Directory of a study or of a run; with --html several runs are compared
     #[arg(value_name = "DIR", required = true)]
     folders: Vec<PathBuf>,
-    /// Write one HTML file that needs no other and no network, and nothing else; - is standard output
+    /// Write one HTML file instead, which needs no other file and no network; - is standard output
     #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "json"])]
     html: Option<PathBuf>,
     /// Directory for the files [default: DIR itself]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Print report.json, alone on standard output
+    /// Print report.json, and nothing else, on standard output
     #[arg(long)]
     json: bool,
 }
@@ -78,7 +78,7 @@ fn write_page(file: &Path, folders: &[PathBuf]) -> Result<(), Failure> {
         return Err(bad("it is a directory; give a file"));
     }
     if file.is_file() && !begins_with(file, b"<!DOCTYPE html>") {
-        return Err(bad("the file that is there is no page; choose another"));
+        return Err(bad("a file with other content is there; choose another name"));
     }
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {

@@ -44,8 +44,8 @@ pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Start, Failure> {
         return Err(bad(
             path,
             &format!(
-                "holds a run that is past the budget {budget} already, at step {steps} and in episode {episodes}; give \
-             a larger one"
+                "holds a run that is already past the budget {budget}: it is at step {steps} and in episode {episodes}; give \
+             it a larger budget"
             ),
         ));
     }
@@ -61,9 +61,11 @@ pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Start, Failure> {
             ));
         }
         note(&match reason {
-            EndReason::Solved => format!("the run has solved its task after {steps} steps and ended there"),
+            EndReason::Solved => format!(
+                "the run solved its task after {steps} steps and ended there; there is nothing to resume"
+            ),
             _ => format!(
-                "the run has ended after {steps} steps and {episodes} episodes; to go on, give it a larger budget, \
+                "the run has ended after {steps} steps and {episodes} episodes; to extend it, give it a larger budget, \
                  for example --set budget.steps={}",
                 steps.saturating_mul(2)
             ),
@@ -76,8 +78,8 @@ pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Start, Failure> {
         return Err(bad(
             path,
             &format!(
-                "has a metrics.jsonl with fewer than the {events} lines that the run had written at its checkpoint; put \
-             them back, or train again"
+                "has a metrics.jsonl with fewer lines than the {events} that the run had written before its checkpoint; \
+             restore the file, or train again"
             ),
         ));
     }
@@ -90,7 +92,7 @@ pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Start, Failure> {
     if branches {
         note(&format!(
             "from step {steps} on the run follows another schedule. It is now a branch of its own: no single config \
-             repeats it, and `verify` says so"
+             repeats it, so `verify` refuses it"
         ));
     }
     schedules_that_have_ended(&config, steps).iter().for_each(|text| note(text));
@@ -132,9 +134,9 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
         Some(difference) => Err(bad(
             path,
             &format!(
-                "holds another run: {difference}. A run that goes on can change its budget and its schedules \
-                 (optimizer.schedule, optimizer.learning_rate, a linear exploration) and nothing else; without \
-                 --resume that is a run of its own"
+                "holds a run with other settings: {difference}. A resumed run can change only its budget and its schedules \
+                 (optimizer.schedule, optimizer.learning_rate, a linear exploration); to train with other settings, \
+                 start a new run without --resume"
             ),
         )),
     }
@@ -167,7 +169,7 @@ fn latest(run: &RunDir, config: &Config) -> Result<(Run, bool), Failure> {
         _ if !can_be_replaced(&last.problem) => Err(last.into()),
         Ok(trainer) => {
             let steps = trainer.progress().env_steps;
-            note(&format!("{last}; goes on from {} at step {steps}", run.previous().display()));
+            note(&format!("{last}; resuming from {} at step {steps} instead", run.previous().display()));
             Ok((trainer, true))
         }
         Err(previous) if is_missing(&last.problem) && is_missing(&previous.problem) => {
@@ -189,11 +191,11 @@ fn latest(run: &RunDir, config: &Config) -> Result<(Run, bool), Failure> {
                     ),
                 ));
             }
-            note("the run has no checkpoint yet; starts again at step 0");
+            note("the run has no checkpoint yet, so it starts again at step 0");
             Ok((first_step(run, config.clone())?.0, false))
         }
         Err(previous) => Err(Failure::BadInput(format!(
-            "{last}; {previous}; train again: --config {} --out another folder",
+            "{last}; {previous}; train again with --config {} and another --out",
             run.config().display()
         ))),
     }
@@ -216,7 +218,8 @@ fn is_missing(problem: &Problem) -> bool {
     matches!(problem, Problem::Unreadable(error) if error.kind() == io::ErrorKind::NotFound)
 }
 
-/// Whether the previous checkpoint can stand in: not where somebody can still get at the last one.
+/// Whether the previous checkpoint may be used instead. Not if the last one is intact and only cannot be read by this
+/// program now: the user can fix that.
 fn can_be_replaced(problem: &Problem) -> bool {
     let readable = matches!(
         problem,

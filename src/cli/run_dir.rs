@@ -128,11 +128,17 @@ impl RunDir {
             Err(_) => false,
         };
         if let Some(foreign) = files.iter().chain([&run.checkpoints()]).find(is_foreign) {
-            let problem = format!("holds {}, which is a link or not what its name says", foreign.display());
+            let problem = format!(
+                "holds {}, which is a link or not the kind of file that its name promises",
+                foreign.display()
+            );
             return Err(bad(path, &problem));
         }
         if !run.metrics().exists() {
-            return Err(bad(path, &format!("has no {METRICS}: its run is lost; train again")));
+            return Err(bad(
+                path,
+                &format!("has no {METRICS}, so its run cannot be resumed; train again with another --out"),
+            ));
         }
         Ok((run, config))
     }
@@ -158,11 +164,14 @@ impl RunDir {
     /// The config of the run in the folder.
     pub(super) fn read_config(&self) -> Result<Config, Failure> {
         if !self.path.is_dir() {
-            return Err(bad(&self.path, "is no folder; give the folder of a run, such as runs/my-run"));
+            return Err(bad(
+                &self.path,
+                "is not a directory; give the directory of a run, such as runs/my-run",
+            ));
         }
         let path = self.config();
         let text = read_text_limited(&path, MAX_BYTES)
-            .map_err(|error| bad(&self.path, &format!("is no run: {CONFIG}: {error}")))?;
+            .map_err(|error| bad(&self.path, &format!("does not hold a run: {CONFIG}: {error}")))?;
         let config = Config::from_layers(Some((&path.display().to_string(), &text)), &[]);
         config.map_err(|error| Failure::BadInput(error.to_string()))
     }
@@ -195,8 +204,7 @@ impl RunDir {
         write_json(&self.config(), config)
     }
 
-    /// Whether an entry of the folder is nothing that anybody would miss: a process that was killed before there was a
-    /// run has left it.
+    /// Whether an entry is a harmless leftover of a process that was killed before it created a run.
     fn is_of_no_run(&self, entry: &DirEntry) -> bool {
         let path = entry.path();
         let is_empty_folder = || fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_none());
@@ -215,7 +223,7 @@ impl RunDir {
         let config = read_text_limited(&self.config(), MAX_BYTES).ok();
         if config.is_none_or(|text| serde_json::from_str::<Config>(&text).is_err()) {
             return Err(format!(
-                "is not a run (it has no {CONFIG} of one); --force replaces a run and nothing else"
+                "does not hold a run (it has no {CONFIG} of a run), and --force replaces only runs; choose another --out"
             ));
         }
         let stay = [self.config(), self.metrics()];
@@ -237,7 +245,7 @@ impl RunDir {
             let is_own = go.contains(&path) || self.is_events(&path) || report::is_part(&name);
             if path.is_dir() || !(is_own || is_unfinished(&name)) {
                 return Err(format!(
-                    "holds {}, which is not of a run; --force replaces a run and nothing else",
+                    "holds {}, which does not belong to a run, and --force replaces only runs; choose another --out",
                     path.display()
                 ));
             }
@@ -336,7 +344,7 @@ pub(super) fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
 }
 
 pub(super) fn bad(path: &Path, problem: &str) -> Failure {
-    Failure::BadInput(format!("folder {} {problem}", path.display()))
+    Failure::BadInput(format!("directory {} {problem}", path.display()))
 }
 
 /// A file of the user's choice that cannot be written.
@@ -345,5 +353,8 @@ pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failur
 }
 
 fn in_use(path: &Path) -> Failure {
-    bad(path, "is in use: another process trains in it; wait for it or choose another folder")
+    bad(
+        path,
+        "is in use by another process that trains there; wait until it ends, or choose another directory",
+    )
 }

@@ -36,8 +36,8 @@ const CONFIGS: [(&str, &str); 5] = [
 
 /// List the runs below a directory, the newest first.
 ///
-/// `steps` are those of training so far, `best` is the best evaluation and `final` the latest. A config is called by the
-/// file in configs/ that it differs least from, and +N says in how many keys besides seed and budget.
+/// `steps` counts the training steps so far, `best` is the best evaluation and `final` the latest. `config` names the file in
+/// configs/ from which the run's config differs least, and +N says in how many keys it differs, apart from seed and budget.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn runs
          cartpole-dqn runs studies --json")]
@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     /// The directory; links in it are not followed
     #[arg(value_name = "DIR", default_value = RUNS)]
     directory: PathBuf,
-    /// Print the list as JSON, alone on standard output
+    /// Print the list as JSON, and nothing else, on standard output
     #[arg(long)]
     json: bool,
 }

@@ -28,7 +28,7 @@ const MAX_CONFIGS: usize = 10_000;
 /// Most seeds of a study, for the same reason.
 const MAX_SEEDS: u64 = 1_000_000;
 
-/// Train every config, in every variation, with every seed.
+/// Train every combination of config, variation and seed.
 ///
 /// Each combination of config, variation and seed is a trial and writes one file. A study that was stopped is resumed by
 /// the same command, which may have more seeds at the end. The results do not depend on --jobs. At the end the configs
@@ -39,22 +39,22 @@ const MAX_SEEDS: u64 = 1_000_000;
         --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
 )]
 pub(super) struct Arguments {
-    /// Config file (JSON), `-` for standard input, repeatable; without it the built-in default, configs/cartpole.json
+    /// JSON file with settings, `-` for standard input, may be repeated [default: the built-in configs/cartpole.json]
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
-    /// Values of a config key to compare: KEY=V1,V2 or, where values hold commas, KEY=[V1, V2] as JSON; repeatable
+    /// Values of a config key to compare: KEY=V1,V2, or KEY=[V1, V2] as JSON if values hold commas; may be repeated
     #[arg(long, value_name = "KEY=VALUES", value_parser = variation)]
     vary: Vec<Variation>,
-    /// Set one config key in all configs; repeatable
+    /// Set one config key in all configs; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Training seeds from A to B − 1
+    /// Train with the seeds A to B − 1
     #[arg(long, value_name = "A..B", value_parser = seeds, allow_hyphen_values = true)]
     seeds: Range<u64>,
     /// Directory for the study
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Trials at the same time [default: one per CPU]
+    /// How many trials run at the same time [default: one per CPU]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::integer::<1, 4096>)]
     jobs: Option<u64>,
     /// Show no progress and no result
@@ -86,7 +86,7 @@ fn seeds(text: &str) -> Result<Range<u64>, String> {
     })?;
     match range.end - range.start {
         0..=MAX_SEEDS => Ok(range),
-        seeds => Err(format!("these are {seeds} seeds; at most {MAX_SEEDS} are allowed")),
+        seeds => Err(format!("the range has {seeds} seeds; at most {MAX_SEEDS} are allowed")),
     }
 }
 
@@ -94,7 +94,7 @@ fn variation(text: &str) -> Result<Variation, String> {
     let (key, list) = text.split_once('=').ok_or("expected KEY=V1,V2 or KEY=[V1, V2]")?;
     let values: Vec<String> = if list.starts_with('[') {
         let values: Vec<Value> =
-            serde_json::from_str(list).map_err(|error| format!("no JSON list: {error}"))?;
+            serde_json::from_str(list).map_err(|error| format!("expected a JSON list: {error}"))?;
         values.iter().map(Value::to_string).collect()
     } else if list.starts_with('{') {
         return Err(format!("write objects as a JSON list: {key}=[{{…}}, {{…}}]"));
@@ -106,7 +106,7 @@ fn variation(text: &str) -> Result<Variation, String> {
     } else if values.iter().any(String::is_empty) || values.is_empty() {
         Err("a value is missing".into())
     } else if values.iter().collect::<BTreeSet<_>>().len() < values.len() {
-        Err("a value comes twice".into())
+        Err("a value is given twice; remove one".into())
     } else {
         Ok(Variation { key: key.into(), values })
     }
@@ -229,7 +229,9 @@ fn combinations(vary: &[Variation], limit: usize) -> Result<Vec<Vec<String>>, Fa
     let mut products = vec![Vec::new()];
     for (i, Variation { key, values }) in vary.iter().enumerate() {
         if vary[..i].iter().any(|other| other.key == *key) {
-            return Err(Failure::BadInput(format!("--vary {key} comes twice; give all its values in one")));
+            return Err(Failure::BadInput(format!(
+                "--vary {key} is given twice; put all its values into one --vary"
+            )));
         }
         if products.len().saturating_mul(values.len()) > limit {
             return Err(Failure::BadInput(format!("--vary makes more than {MAX_CONFIGS} configs")));

@@ -28,10 +28,11 @@ pub(super) const DEFAULT_NAME: &str = "cartpole";
 
 /// Train an agent.
 ///
-/// Writes a folder with the resolved config, metrics, a summary and checkpoints.
+/// Writes the complete config, metrics, a summary and checkpoints into one directory.
 ///
-/// The progress shows two mean returns, that of the last 100 training episodes (train) and that of the latest evaluation
-/// (eval); then ε and the loss of the last episode. --live shows more, until q is pressed: during training that stops the run with a checkpoint.
+/// The progress shows two mean returns: `train` is the mean of the last 100 training episodes, `eval` that of the latest
+/// evaluation. Then come ε (the probability of a random action) and the loss of the last episode. --live shows more. Press q
+/// to leave that view: while the run is training, q also stops the run with a checkpoint.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
@@ -39,35 +40,36 @@ pub(super) const DEFAULT_NAME: &str = "cartpole";
 pub(super) struct Arguments {
     #[command(flatten)]
     layers: Layers,
-    /// Folder for the run [default: runs/<config name>-s<seed>-<UTC time>]
+    /// Directory to write the run to [default: runs/<config name>-s<seed>-<UTC time>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the run that is in the folder
+    /// Replace the run that is already in the directory
     #[arg(long)]
     force: bool,
-    /// Go on with the run in this folder where it was stopped; --set can give it a larger budget
+    /// Resume the run in this directory from its last checkpoint; --set can give it a larger budget
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "force"])]
     resume: Option<PathBuf>,
-    /// Start with the weights of this checkpoint (a run's best, or a .safetensors file); all else starts afresh
+    /// Start with the weights of a policy, a run directory (its best) or a .safetensors file; all else starts afresh
     #[arg(long, value_name = "CHECKPOINT", conflicts_with = "resume")]
     init_from: Option<PathBuf>,
-    /// Write TensorBoard event files to the run's folder `tensorboard`
+    /// Also write event files for TensorBoard, into the run's subdirectory `tensorboard`
     #[arg(long)]
     tensorboard: bool,
     /// Show no progress and no summary
     #[arg(long)]
     quiet: bool,
-    /// Print a line for every N-th training episode in place of the progress
+    /// Instead of the progress, print a line for every N-th training episode
     #[arg(long, value_name = "N", conflicts_with_all = ["quiet", "live"], allow_negative_numbers = true,
         value_parser = super::integer::<1, { u64::MAX }>)]
     log_every: Option<u64>,
-    /// Show the run in the terminal: learning curve, diagnostics, the latest policy at play
+    /// Show the run in the terminal while it trains: learning curve, diagnostics, the latest policy at play
     #[arg(long, conflicts_with = "quiet")]
     live: bool,
-    /// With --live, train at this multiple of simulated time (50 steps a second), as 5x [default: full speed]
+    /// With --live: train at most at this multiple of simulated time (50 steps a second), for example 5x
+    /// [default: full speed]
     #[arg(long, value_name = "FACTOR", requires = "live", allow_negative_numbers = true)]
     pace: Option<Pace>,
-    /// Print the summary as JSON, alone on standard output
+    /// Print the summary as JSON, and nothing else, on standard output
     #[arg(long)]
     json: bool,
 }
@@ -75,16 +77,16 @@ pub(super) struct Arguments {
 /// What a config is made of.
 #[derive(Debug, Args)]
 pub(super) struct Layers {
-    /// Config file (JSON), `-` for standard input; without it the built-in default, configs/cartpole.json
+    /// JSON file with the settings of the run, `-` for standard input [default: the built-in configs/cartpole.json]
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Seed of the run, 0…2⁶⁴−1; wins over config and --set
+    /// Seed of the run's random numbers, 0 to 2⁶⁴−1; takes precedence over --config and --set
     #[arg(long, value_name = "N", value_parser = super::seed, allow_negative_numbers = true)]
     seed: Option<u64>,
-    /// Set one config key, for instance optimizer.learning_rate=0.001; repeatable
+    /// Set one config key, for example optimizer.learning_rate=0.001; may be repeated (`config show` lists the keys)
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// End the run at the first evaluation that solves the task: --set stop_when_solved=true
+    /// End the run at the first evaluation that solves the task; short for --set stop_when_solved=true
     #[arg(long)]
     stop_when_solved: bool,
 }
@@ -165,7 +167,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
                 print_json(&unended(&run, &trainer, seconds, "interrupted"))?;
             }
             let steps = trainer.progress().env_steps;
-            let message = format!("stopped after step {steps}; go on with:\n  {}", resume_command(&run));
+            let message = format!("stopped after step {steps}; resume with:\n  {}", resume_command(&run));
             return Err(Failure::Interrupted(message, signals.exit_code()));
         }
         Ok(reason) => reason,
@@ -210,7 +212,7 @@ fn what_is_kept(run: &RunDir, error: &TrainError) -> String {
     };
     match error {
         TrainError::Diverged { .. } => kept,
-        _ => format!("{kept}; once that is mended, go on with: {}", resume_command(run)),
+        _ => format!("{kept}; when the problem is solved, resume with: {}", resume_command(run)),
     }
 }
 

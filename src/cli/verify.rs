@@ -29,16 +29,16 @@ const SHOWN: usize = 300;
 
 /// Train a run again and compare every byte.
 ///
-/// Takes the config and the seed that are recorded in the run's folder and compares metrics, checkpoints and summary,
-/// but for the time that it took and what it ran on. A run that has not ended is compared up to its last checkpoint. Exit
-/// code 0 if every byte agrees, 1 if one does not.
+/// Trains again with the config that is recorded in the run directory, and compares metrics, checkpoints and summary. Only
+/// the training time and the machine may differ. A run that has not ended is compared up to its last checkpoint. The exit
+/// code is 0 if every byte agrees, and 1 if not.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn verify runs/my-run")]
 pub(super) struct Arguments {
-    /// The run's folder; nothing in it is changed
+    /// The run directory; nothing in it is changed
     #[arg(value_name = "RUN_DIR")]
     run: PathBuf,
-    /// Show no progress and, if every byte agrees, nothing
+    /// Show no progress, and print nothing if every byte agrees
     #[arg(long)]
     quiet: bool,
 }
@@ -111,7 +111,7 @@ fn train(
         }
     }
     if signals.stop.load(Ordering::Relaxed) {
-        let message = format!("stopped after step {}; nothing is verified", trainer.progress().env_steps);
+        let message = format!("stopped after step {}, so nothing was verified", trainer.progress().env_steps);
         return Err(Failure::Interrupted(message, signals.exit_code()));
     }
     Ok(reason)
@@ -196,7 +196,7 @@ fn step_of(best: &Path) -> Option<u64> {
 fn read_summary(run: &RunDir) -> Result<Value, Failure> {
     let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(failed)?;
     let summary: Value = serde_json::from_str(&text)
-        .map_err(|error| bad(run.path(), &format!("has a damaged summary.json: {error}")))?;
+        .map_err(|error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}")))?;
     let files = [
         ("config_sha256", run.config(), MAX_BYTES),
         // None in the summary and no file where the first weights were drawn.

@@ -12,14 +12,15 @@ use crate::view;
 
 /// Watch a trained policy play in the terminal, and push the cart yourself.
 ///
-/// A push replaces the policy's action for 3 steps, 0.06 s; a key that is held down pushes on. The time runs at 50 steps
-/// a second; +/- change that, space pauses, s goes on by one step, n plays the next seed, r the same again, q quits.
+/// The arrow keys push the cart: a push replaces the policy's action for 3 steps (0.06 s), and a key that is held down keeps
+/// pushing. Time runs at 50 steps a second. The keys + and - change the speed, space pauses, s makes one step, n plays the
+/// next seed, r plays the same episode again, q quits.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn watch runs/my-run")]
 pub(super) struct Arguments {
     #[command(flatten)]
     place: Place,
-    /// Gymnasium seed of the first episode; the others follow
+    /// Gymnasium seed of the first episode; each later episode has the next seed
     #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
         allow_negative_numbers = true)]
     seed: u64,

@@ -28,7 +28,9 @@ pub fn page(folders: &[PathBuf]) -> Result<String, ReportError> {
     let study = folders.iter().zip(kinds).find(|(_, kind)| matches!(kind, Kind::Study));
     match (study, folders) {
         (Some((study, _)), [_]) => study_page(study),
-        (Some((study, _)), _) => Err(ReportError::new(study, "is a study; a page shows one study, or runs")),
+        (Some((study, _)), _) => {
+            Err(ReportError::new(study, "is a study; a page shows either one study or several runs"))
+        }
         (None, _) => runs_page(folders),
     }
 }

@@ -90,7 +90,8 @@ impl Kind {
                 return Ok(kind);
             }
         }
-        let problem = format!("is no study (no {MANIFEST}) and no run (no {})", events::METRICS);
+        let problem =
+            format!("is neither a study (it has no {MANIFEST}) nor a run (it has no {})", events::METRICS);
         Err(ReportError::new(folder, problem))
     }
 }

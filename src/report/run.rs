@@ -238,7 +238,7 @@ fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
         }
         if has_statistics && moved_first.is_empty() {
             said.push(format!(
-                "  no statistic left its usual range ({MOVED} standard deviations) before that"
+                "  no statistic left its usual range ({MOVED} standard deviations) before the collapse"
             ));
         }
     }

@@ -114,7 +114,7 @@ impl StudyDir {
         }
         let (mut locked, text) = lock(&manifest).map_err(bad)?;
         let found = serde_json::from_str(&text).map_err(|error| {
-            bad(format!("has a {MANIFEST} that is no study: {error}; choose another --out"))
+            bad(format!("has a {MANIFEST} that does not describe a study: {error}; choose another --out"))
         })?;
         if more_seeds(&found, study).map_err(bad)? {
             write_json(&manifest, study).map_err(unwritable)?;
@@ -167,7 +167,7 @@ pub fn read_trial(path: &Path, config: &str, seed: u64) -> Result<Trial, StudyEr
     let text = read_text_limited(path, MAX_FILE_SIZE).map_err(|error| bad(error.to_string()))?;
     let trial: Trial = serde_json::from_str(&text).map_err(|error| bad(error.to_string()))?;
     if trial.config != config || trial.seed != seed {
-        return Err(bad(format!("it is that of config {:?}, seed {}", trial.config, trial.seed)));
+        return Err(bad(format!("it belongs to config {:?}, seed {}", trial.config, trial.seed)));
     }
     if !trial.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
         return Err(bad("its evaluations are not in the order of their steps".into()));
@@ -188,7 +188,7 @@ fn is_free(path: &Path) -> Result<bool, String> {
     } else if path.join(MANIFEST).is_file() {
         Ok(false)
     } else {
-        Err(format!("is not empty and has no {MANIFEST} of a study; choose another --out"))
+        Err(format!("is not empty and does not hold a study (no {MANIFEST}); choose another --out"))
     }
 }
 
@@ -199,7 +199,10 @@ fn lock(manifest: &Path) -> Result<(File, String), String> {
     // A file system without locks is no reason to refuse. Who replaces the manifest has the lock of the old one.
     let is_taken = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
     if is_taken || !is_at(&file, manifest).map_err(unreadable)? {
-        return Err("is in use: another process runs this study; wait for it or choose another --out".into());
+        return Err(
+            "is in use by another process that runs this study; wait until it ends, or choose another --out"
+                .into(),
+        );
     }
     let text = read_text_limited(manifest, MAX_FILE_SIZE).map_err(unreadable)?;
     Ok((file, text))
@@ -217,8 +220,8 @@ fn more_seeds(found: &Value, study: &Study) -> Result<bool, String> {
     match difference("", found, &given) {
         None => Ok(grows),
         Some(difference) => Err(format!(
-            "holds another study: {difference}. Repeat its command, with more seeds at the end if you like, \
-             or choose another --out"
+            "holds another study: {difference}. To continue that study, repeat its command, which may add seeds at the end. \
+             Otherwise choose another --out"
         )),
     }
 }

@@ -73,7 +73,7 @@ fn lockstep<E: Environment>(
     let mut policy = Greedy::new(network.clone(), playing.len());
     let (mut discount, mut starts) = (1.0, true);
     while !playing.is_empty() {
-        // Places of ended episodes are computed along until half of the batch is such.
+        // Ended episodes stay in the batch. It is rebuilt when half of it has ended.
         if playing.len() <= policy.batch() / 2 {
             policy = Greedy::new(network.clone(), playing.len());
         }

@@ -79,7 +79,7 @@ impl Progress {
         }
     }
 
-    /// Whether a run of that budget would have ended before.
+    /// Whether the run is already past this budget.
     fn exceeds(&self, budget: Budget) -> bool {
         match budget {
             Budget::Steps(steps) => self.env_steps > steps,

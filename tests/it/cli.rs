@@ -200,9 +200,9 @@ refusals! {
     refuses_an_out_with_something_in_it:
         [("mine/notes.txt", b"mine")], ["train", "--out", "mine"] => ["mine", "not empty", "--force"];
     does_not_force_away_what_is_no_run:
-        [("mine/notes.txt", b"mine")], ["train", "--force", "--out", "mine"] => ["mine", "not a run"];
+        [("mine/notes.txt", b"mine")], ["train", "--force", "--out", "mine"] => ["mine", "does not hold a run"];
     does_not_force_away_the_config_of_something_else:
-        [("mine/config.json", b"{}")], ["train", "--force", "--out", "mine"] => ["mine", "not a run"];
+        [("mine/config.json", b"{}")], ["train", "--force", "--out", "mine"] => ["mine", "does not hold a run"];
 }
 
 #[test]
@@ -218,10 +218,7 @@ fn does_not_force_away_a_run_with_a_foreign_file() {
         let sandbox = Sandbox::with_run();
         sandbox.write(foreign, "mine");
         let named = foreign.trim_end_matches("/x");
-        sandbox.refuses(
-            &["train", "--force", "--out", "run"],
-            &[named, "--force replaces a run and nothing else"],
-        );
+        sandbox.refuses(&["train", "--force", "--out", "run"], &[named, "--force replaces only runs"]);
     }
 }
 
@@ -230,7 +227,7 @@ fn does_not_force_away_a_run_whose_checkpoints_are_a_file() {
     let sandbox = Sandbox::with_run();
     fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
     sandbox.write("run/checkpoints", "mine");
-    sandbox.refuses(&["train", "--force", "--out", "run"], &["run/checkpoints", "not of a run"]);
+    sandbox.refuses(&["train", "--force", "--out", "run"], &["run/checkpoints", "does not belong to a run"]);
 }
 
 #[test]

@@ -26,7 +26,7 @@ refusals! {
         [("x.json", b"{\"gamma\": 0.9}")], ["eval", "--checkpoint", "x.json"]
         => ["x.json", "not a safetensors file", "give a .safetensors file"];
     refuses_a_folder_without_a_checkpoint:
-        [("run/config.json", b"{}")], ["eval", "--checkpoint", "run"] => ["folder run", "best.safetensors"];
+        [("run/config.json", b"{}")], ["eval", "--checkpoint", "run"] => ["directory run", "best.safetensors"];
     refuses_to_inspect_what_is_no_checkpoint:
         [("x", b"hello, world")], ["inspect", "--checkpoint", "x"] => ["x", "not a safetensors file"];
     refuses_zero_episodes: [], ["eval", "--policy", "random", "--episodes", "0"] => ["--episodes", "'0'", "from 1 to 10000000"];

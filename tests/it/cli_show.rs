@@ -18,7 +18,7 @@ refusals! {
         [("x", b"")], ["render", "--checkpoint", "x", "-o", "gif"] => ["gif", ".gif or .svg"];
     refuses_a_picture_that_is_a_folder:
         [("f.gif/x", b"")], ["render", "--checkpoint", "x", "-o", "f.gif"] => ["f.gif", "directory"];
-    refuses_to_train_live_without_a_terminal: [], ["train", "--live"] => ["not a terminal"];
+    refuses_to_train_live_without_a_terminal: [], ["train", "--live"] => ["needs a terminal"];
     refuses_a_pace_without_live: [], ["train", "--pace", "5x"] => ["--live"];
     refuses_a_pace_that_is_no_factor: [], ["train", "--live", "--pace", "fast"] => ["--pace", "0.01x to 1000x"];
     refuses_a_pace_of_zero: [], ["train", "--live", "--pace", "0x"] => ["--pace", "0.01x to 1000x"];
@@ -41,7 +41,7 @@ fn does_not_draw_over_the_checkpoint_or_into_a_missing_folder() {
 
 #[test]
 fn refuses_to_watch_without_a_terminal() {
-    Sandbox::with_run().refuses(&["watch", "--checkpoint", "run"], &["not a terminal"]);
+    Sandbox::with_run().refuses(&["watch", "--checkpoint", "run"], &["needs a terminal"]);
 }
 
 #[test]

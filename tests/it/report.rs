@@ -464,7 +464,7 @@ refusals! {
     refuses_a_report_of_nothing: [], ["report"] => ["DIR"];
     refuses_a_report_of_a_missing_folder: [], RUN => ["r: there is no such directory"];
     refuses_a_report_of_a_file: [("r", b"mine")], RUN => ["r: is a file", "give the directory"];
-    refuses_a_report_of_something_else: [("r/notes.txt", b"mine")], RUN => ["r: is no study", "study.json", "metrics.jsonl"];
+    refuses_a_report_of_something_else: [("r/notes.txt", b"mine")], RUN => ["r: is neither a study", "study.json", "metrics.jsonl"];
     refuses_a_study_of_another_format:
         [("r/study.json", b"{\"format_version\": 99, \"configs\": [], \"seeds\": {\"start\": 0, \"end\": 1}}")], RUN
         => ["r/study.json", "format_version 99", "reads 1"];

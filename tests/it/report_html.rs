@@ -125,7 +125,8 @@ fn a_page_replaces_a_page_and_nothing_else() {
     for _ in 0..2 {
         sandbox.run(&["report", "run", "--html", "run/report.html"]).success();
     }
-    sandbox.refuses(&["report", "run", "--html", "run/metrics.jsonl"], &["run/metrics.jsonl", "no page"]);
+    sandbox
+        .refuses(&["report", "run", "--html", "run/metrics.jsonl"], &["run/metrics.jsonl", "other content"]);
     sandbox.refuses(&["report", "run", "--html", "run"], &["a directory"]);
     // The page is part of the run: --force may replace both.
     sandbox.train(&["--out", "run", "--force"]).success();
@@ -153,7 +154,7 @@ fn runs_of_the_same_name_are_told_apart_and_a_page_goes_to_standard_output() {
 refusals! {
     refuses_a_page_in_a_missing_directory: [("r/metrics.jsonl", b"")], ["report", "r", "--html", "no/p.html"] => ["no directory no"];
     refuses_a_page_of_nothing: [], ["report", "--html", "page.html"] => ["DIR"];
-    refuses_a_page_of_something_else: [("r/notes.txt", b"mine")], ["report", "r", "--html", "page.html"] => ["r: is no study", "no run"];
+    refuses_a_page_of_something_else: [("r/notes.txt", b"mine")], ["report", "r", "--html", "page.html"] => ["r: is neither a study", "nor a run"];
     refuses_several_folders_without_a_page: [], ["report", "a", "b"] => ["several directories need --html"];
     refuses_a_page_and_a_folder: [], ["report", "a", "--html", "p", "--out", "o"] => ["--html", "--out"];
 }

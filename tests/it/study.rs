@@ -61,7 +61,7 @@ refusals! {
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9", "--vary", "gamma=1"]
         => ["--vary gamma", "twice"];
     refuses_a_list_that_is_no_json:
-        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "network.hidden=[[8]"] => ["no JSON list"];
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "network.hidden=[[8]"] => ["expected a JSON list"];
     refuses_objects_outside_a_list:
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "target={\"kind\":\"none\"}"] => ["target=[{"];
     refuses_a_variation_of_the_seed:
