@@ -15,6 +15,7 @@
 //! | [`study`] | many runs: every config with every seed |
 //! | [`render`] | an episode as a GIF or an SVG |
 //! | [`report`] | what a study or a run amounts to, from files alone |
+//! | [`text`] | names, tables and sentences that fit a terminal |
 //!
 //! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
 //!
@@ -39,6 +40,7 @@ pub mod report;
 pub mod rng;
 pub mod sink;
 pub mod study;
+pub mod text;
 pub mod trainer;
 pub mod view;
 

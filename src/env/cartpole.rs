@@ -44,7 +44,12 @@ impl CartPole {
 
     /// CartPole-v1: the physics under its limit of 500 steps.
     pub fn v1() -> TimeLimit<Self> {
-        TimeLimit::new(Self::default(), Self::MAX_STEPS)
+        Self::limited(Self::MAX_STEPS)
+    }
+
+    /// CartPole-v1 under another time limit.
+    pub fn limited(max_steps: u32) -> TimeLimit<Self> {
+        TimeLimit::new(Self::default(), max_steps)
     }
 
     /// One explicit Euler step of the equations of motion (Florian 2007, eqs. 23 and 24, frictionless).

@@ -9,12 +9,14 @@ use serde_json::{Value, json};
 use super::NamedConfig;
 use crate::env::{CartPole, Environment, TimeLimit};
 use crate::nn::Mlp;
-use crate::trainer::{Evaluation, Event, EventSink, Score, Trainer, evaluate};
+use crate::trainer::{EndReason, Evaluation, Event, EventSink, Score, Trainer, evaluate};
 
 /// Gymnasium seed of the first episode that scores a policy, that of `eval`: not those that chose the best.
 pub const SCORE_SEED: u64 = 2_000_000;
 /// Episodes that score a policy, as many as `eval` plays.
 pub const SCORE_EPISODES: u64 = 100;
+/// Steps that a policy must last in a study of endurance: 400 s, in which a cart that drifts has left the track.
+pub const ENDURANCE_STEPS: u32 = 20_000;
 
 /// The file of a trial. It holds no wall-clock values, so that equal trials are equal files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,13 +53,27 @@ pub struct PolicyScore {
     pub median: f64,
     /// Largest return.
     pub max: f64,
+    /// How many of the episodes last [`ENDURANCE_STEPS`] steps where nothing cuts them off before; none where the study
+    /// does not ask.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub endured: Option<u64>,
 }
 
 impl PolicyScore {
-    fn new(policy: &Mlp<f32>, env_steps: u64) -> Self {
-        let returns = evaluate(policy, &CartPole::v1(), SCORE_SEED, SCORE_EPISODES);
+    fn new(policy: &Mlp<f32>, env_steps: u64, endurance: bool) -> Self {
+        let limit = if endurance { ENDURANCE_STEPS } else { CartPole::MAX_STEPS };
+        let lengths = evaluate(policy, &CartPole::limited(limit), SCORE_SEED, SCORE_EPISODES);
+        // The first 500 steps of a longer episode are those of CartPole-v1, and every step is worth 1.
+        let returns: Vec<f64> =
+            lengths.iter().map(|length| length.min(TimeLimit::<CartPole>::MAX_RETURN)).collect();
         let Score { mean, std, min, median, max, .. } = Score::new(&returns);
-        Self { env_steps, mean, std, min, median, max }
+        let endured = lengths.iter().filter(|&&length| length >= f64::from(ENDURANCE_STEPS)).count();
+        Self { env_steps, mean, std, min, median, max, endured: endurance.then_some(endured as u64) }
+    }
+
+    /// Whether the policy lasts in every episode; none where the study does not ask.
+    pub fn endures(&self) -> Option<bool> {
+        self.endured.map(|endured| endured == SCORE_EPISODES)
     }
 
     /// Whether it solves CartPole-v1.
@@ -67,18 +83,22 @@ impl PolicyScore {
 }
 
 impl Trial {
-    /// Trains the config with the seed and scores what it came to.
-    pub(super) fn run(named: &NamedConfig, seed: u64) -> Self {
+    /// Trains the config with the seed and scores what it came to; none if `stop` was set before that.
+    pub(super) fn run(named: &NamedConfig, seed: u64, endurance: bool, stop: &AtomicBool) -> Option<Self> {
         let mut config = named.config.clone();
         config.seed = seed;
-        let mut trainer = Trainer::new(config, CartPole::v1());
+        let environment = config.make_environment();
+        let mut trainer = Trainer::new(config, environment);
         let mut evaluations = Evaluations(Vec::new());
-        let ended = trainer.run(&mut evaluations, None, &AtomicBool::new(false));
+        let ended = trainer.run(&mut evaluations, None, stop);
+        if matches!(ended, Ok(EndReason::Interrupted)) {
+            return None;
+        }
         let Evaluations(evaluations) = evaluations;
 
         let progress = trainer.progress();
         let score = |policy: &Mlp<f32>, evaluation: Option<Evaluation>| {
-            Some(PolicyScore::new(policy, evaluation?.env_steps))
+            Some(PolicyScore::new(policy, evaluation?.env_steps, endurance))
         };
         let best = trainer.best_policy().and_then(|policy| score(policy, progress.best_evaluation));
         let final_ = match &ended {
@@ -93,7 +113,7 @@ impl Trial {
             summary
         });
         let error = ended.err().map(|error| error.to_string());
-        Self { config: named.name.clone(), seed, error, summary, best, final_, evaluations }
+        Some(Self { config: named.name.clone(), seed, error, summary, best, final_, evaluations })
     }
 
     /// Whether the final policy solves CartPole-v1.

@@ -37,8 +37,11 @@ pub enum Event {
         env_steps: u64,
         /// Evaluation episodes.
         episodes: u64,
-        /// Mean return.
+        /// Mean return under the task's time limit.
         mean: f64,
+        /// Mean return under the run's own time limit, `max_episode_steps`; absent where it is the same.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        mean_under_limit: Option<f64>,
         /// Population standard deviation of the returns.
         std: f64,
         /// Smallest return.
@@ -95,7 +98,7 @@ pub trait EventSink {
     /// When it cannot be written; the run then ends.
     fn emit(&mut self, event: &Event) -> io::Result<()>;
 
-    /// Makes what it has taken outlast a crash; called before every checkpoint, which counts on it.
+    /// Flushes all events to the disk. Called before every checkpoint, because resuming expects all earlier events there.
     ///
     /// # Errors
     /// When that fails; the run then ends.

@@ -264,7 +264,7 @@ fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
     assert!(stored.rewards.iter().all(|&reward| reward == 0.25));
 
     // Powers of two: both ways round alike.
-    let mut policy = cartpole_dqn::agent::Greedy::new(scaled.policy(), 1);
+    let mut policy = cartpole_dqn::agent::Greedy::new(scaled.policy(), 1).with_reward_scale(0.25);
     scaled.epsilon = -1.0;
     for observation in plain.observations.chunks_exact(4) {
         assert_eq!(scaled.act(observation), policy.act(observation));
@@ -519,4 +519,51 @@ fn scores_are_numpys() {
     assert!((score.interval().unwrap() - 1.96 * 3.559_026_084_010_437 / 2.0).abs() < 1e-12);
     assert!(!Score::new(&[500.0; 99]).solves(475.0) && Score::new(&[500.0; 100]).solves(475.0));
     assert_eq!(Score::new(&[7.0]).interval(), None);
+}
+
+/// With full scores in every evaluation the last of them is the best: the first is that of the least trained policy.
+#[test]
+fn the_best_policy_is_the_latest_of_equals() {
+    let mut events: Vec<Event> = Vec::new();
+    let mut trainer = Trainer::new(config(&SMALL), TwoStates::default());
+    trainer.run(&mut events, None, &NEVER).unwrap();
+    let full: Vec<u64> = events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Evaluation { env_steps, mean: 10.0, best, .. } => {
+                assert!(best);
+                Some(*env_steps)
+            }
+            _ => None,
+        })
+        .collect();
+    assert!(full.len() > 1, "{events:?}");
+    assert_eq!(trainer.progress().best_evaluation.unwrap().env_steps, *full.last().unwrap());
+    assert_eq!(*trainer.best_policy().unwrap(), trainer.agent().policy());
+}
+
+/// Under a limit of 900 steps an episode may be longer than 500, and still no score is.
+#[test]
+fn a_longer_time_limit_is_seen_in_training_and_in_no_score() {
+    let text = include_str!("../../configs/fast.json");
+    let sets = ["max_episode_steps=900".to_owned(), "budget.steps=6000".to_owned()];
+    let config = Config::from_layers(Some(("fast.json", text)), &sets).unwrap();
+    let environment = config.make_environment();
+    let mut trainer = Trainer::new(config, environment);
+    let mut events: Vec<Event> = Vec::new();
+    trainer.run(&mut events, None, &NEVER).unwrap();
+    let evaluations = events.iter().filter_map(|event| match event {
+        Event::Evaluation { mean, max, mean_under_limit, solved, .. } => {
+            Some((*mean, *max, *mean_under_limit, *solved))
+        }
+        _ => None,
+    });
+    let long: Vec<_> = evaluations.filter(|(.., under_limit, _)| under_limit.is_some()).collect();
+    assert!(!long.is_empty(), "{events:?}");
+    for (mean, max, under_limit, solved) in long {
+        assert!(
+            mean <= 500.0 && max == 500.0 && under_limit.unwrap() > mean && under_limit.unwrap() <= 900.0
+        );
+        assert_eq!(solved, mean >= 475.0);
+    }
 }
