@@ -13,6 +13,7 @@
 //! | [`view`] | terminal views: an agent at play, a run that is training |
 //! | [`study`] | many runs: every config with every seed |
 //! | [`render`] | an episode as a GIF or an SVG |
+//! | [`check`] | which known mistake another program's update has |
 //! | [`report`] | what a study or a run amounts to, from files alone |
 //!
 //! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
@@ -26,6 +27,7 @@
 //! - *epsilon*: probability of a random action. *gamma*: discount factor.
 
 pub mod agent;
+pub mod check;
 pub mod checkpoint;
 pub mod cli;
 pub mod config;

@@ -1,5 +1,6 @@
 //! The command line: one file per command. Only here is printed, and only here an exit code chosen.
 
+mod check;
 mod completions;
 mod config;
 mod eval;
@@ -46,6 +47,7 @@ enum Command {
     Study(study::Arguments),
     Report(report::Arguments),
     Verify(verify::Arguments),
+    Check(check::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
 }
@@ -113,6 +115,7 @@ pub fn run() -> ExitCode {
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),
     });
