@@ -14,6 +14,7 @@
 //! | [`study`] | many runs: every config with every seed |
 //! | [`render`] | an episode as a GIF or an SVG |
 //! | [`check`] | which known mistake another program's update has |
+//! | [`explain`] | one update of our own training, with all its numbers |
 //! | [`report`] | what a study or a run amounts to, from files alone |
 //!
 //! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
@@ -32,6 +33,7 @@ pub mod checkpoint;
 pub mod cli;
 pub mod config;
 pub mod env;
+pub mod explain;
 pub mod files;
 pub mod nn;
 pub mod render;

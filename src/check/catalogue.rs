@@ -339,7 +339,7 @@ pub static CATALOGUE: &[Mistake] = &[
         id: "adam_epsilon_of_keras", stage: Stage::Weights,
         what: "Adam's ε stands beside the uncorrected √v, as in TensorFlow and Keras",
         why: "the first steps of small gradients are shorter: ε counts 32 times at the first step",
-        mend: "in Keras nothing: it is its Adam; elsewhere add ε to the root of the corrected v",
+        mend: "in Keras nothing: say \"epsilon_place\": \"tensorflow\" in the settings; elsewhere add ε to the root of the corrected v",
         make: |v| v.optimizer = Optimizer::AdamOfKeras,
     },
     Mistake {

@@ -60,6 +60,8 @@ pub struct Settings {
     pub beta2: f64,
     /// Adam's ε, at least 0.
     pub epsilon: f64,
+    /// Where Adam's ε is added.
+    pub epsilon_place: EpsilonPlace,
     /// Norm to which a longer gradient is shortened, above 0; none if it is left alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_gradient_norm: Option<f64>,
@@ -75,9 +77,20 @@ impl Default for Settings {
             beta1: 0.9,
             beta2: 0.999,
             epsilon: 1e-8,
+            epsilon_place: EpsilonPlace::PyTorch,
             max_gradient_norm: None,
         }
     }
+}
+
+/// Where Adam's ε is added: two readings of the paper (Kingma and Ba 2015).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EpsilonPlace {
+    /// To the root of the corrected second moment, as in algorithm 1.
+    PyTorch,
+    /// To the root of the uncorrected one, as before section 2.1: TensorFlow, Keras.
+    TensorFlow,
 }
 
 /// The transitions of an update. Observations are (batch, features), the rest (batch).

@@ -1,6 +1,6 @@
 //! The update in f64: one function for each quantity, of a [`Variant`] that says how it is computed.
 
-use super::file::Update;
+use super::file::{EpsilonPlace, Update};
 use super::rounding::{Matrix, Number, Pass, backward, forward, square};
 use crate::nn::{Loss, Mlp};
 
@@ -182,7 +182,10 @@ impl Variant {
             is_accumulated: false,
             max_gradient_norm: settings.max_gradient_norm,
             clipping: if settings.max_gradient_norm.is_some() { Clipping::Norm } else { Clipping::Nothing },
-            optimizer: Optimizer::Adam,
+            optimizer: match settings.epsilon_place {
+                EpsilonPlace::PyTorch => Optimizer::Adam,
+                EpsilonPlace::TensorFlow => Optimizer::AdamOfKeras,
+            },
             learning_rate: settings.learning_rate,
             beta1: settings.beta1,
             beta2: settings.beta2,
@@ -403,7 +406,9 @@ impl<'a> Reference<'a> {
         // m = (1 − β₁) g after the first update.
         if variant.is_accumulated && adam.steps == 1 {
             for (number, &moment) in gradient.iter_mut().zip(adam.first.parameters()) {
-                number.value += moment / (1.0 - self.update.settings.beta1);
+                let before = moment / (1.0 - self.update.settings.beta1);
+                number.value += before;
+                number.variance += square(4.0 * unit * before);
             }
         }
         self.clip(variant, &mut gradient);

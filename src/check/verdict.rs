@@ -13,7 +13,7 @@ use super::rounding::Number;
 /// Most explanations that are followed at once.
 const MAX_EXPLANATIONS: usize = 8;
 /// Most products that are spent on pairs of mistakes in one quantity.
-const MAX_PAIR_PRODUCTS: usize = 1 << 35;
+const MAX_PAIR_PRODUCTS: usize = 1 << 32;
 
 /// What is to be said of an update.
 #[derive(Debug, Serialize)]
@@ -124,26 +124,29 @@ pub fn check(update: &Update) -> Verdict {
         };
         let ours = search.compute(&hypotheses[0], stage, 0);
         let mut judged = Judged::new(stage, &ours, theirs);
-        let reproducing: Vec<_> =
+        let mut following: Vec<_> =
             hypotheses.iter().filter(|hypothesis| search.reproduces(hypothesis, stage)).cloned().collect();
-        if !reproducing.is_empty() {
-            // The first that is followed on is the one that is shown.
-            let ours = search.compute(&reproducing[0], stage, 0);
-            judged = Judged::new(stage, &ours, theirs);
-            judged.state = State::Equal;
-            hypotheses = reproducing;
-        } else {
+        if following.is_empty() {
             let (explaining, left_out) = search.explain(&hypotheses, stage);
+            following = explaining;
             pairs_left_out |= left_out;
-            if explaining.is_empty() {
+        }
+        match following.first() {
+            None => {
                 judged.in_common = in_common(update, stage, &ours, theirs);
                 for hypothesis in &mut hypotheses {
                     hypothesis.takes_their_targets |= stage == Stage::Targets;
                     hypothesis.takes_their_gradients |= stage == Stage::Gradients;
                 }
-            } else {
+            }
+            Some(first) if first.found.iter().any(|(_, quantity)| *quantity == stage) => {
                 judged.state = State::Explained;
-                hypotheses = explaining;
+                hypotheses = following;
+            }
+            Some(first) => {
+                judged = Judged::new(stage, &search.compute(first, stage, 0), theirs);
+                judged.state = State::Equal;
+                hypotheses = following;
             }
         }
         quantities.push(judged);

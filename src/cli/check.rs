@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{Failure, print, print_json};
-use crate::check::{Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
+use crate::check::{EpsilonPlace, Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
 
 /// Columns of the text.
 const WIDTH: usize = 80;
@@ -113,18 +113,28 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
 }
 
 fn settings(update: &Update) -> String {
-    let Settings { gamma, loss, double, learning_rate, beta1, beta2, epsilon, max_gradient_norm } =
-        update.settings;
+    let Settings {
+        gamma,
+        loss,
+        double,
+        learning_rate,
+        beta1,
+        beta2,
+        epsilon,
+        epsilon_place,
+        max_gradient_norm,
+    } = update.settings;
     let loss = match loss {
         crate::nn::Loss::Mse => "mse",
         crate::nn::Loss::Huber => "huber",
     };
     let double = if double { "double, " } else { "" };
     let norm = max_gradient_norm.map_or(String::new(), |norm| format!(", max_gradient_norm {norm}"));
+    let place = if epsilon_place == EpsilonPlace::TensorFlow { " in TensorFlow's place" } else { "" };
     let step = update.adam.steps + 1;
     format!(
         "gamma {gamma}, loss {loss}, {double}Adam step {step} with learning_rate {learning_rate}, beta1 {beta1}, \
-         beta2 {beta2}, epsilon {epsilon:e}{norm}"
+         beta2 {beta2}, epsilon {epsilon:e}{place}{norm}"
     )
 }
 

@@ -4,6 +4,7 @@ mod check;
 mod completions;
 mod config;
 mod eval;
+mod explain;
 mod inspect;
 mod render;
 mod report;
@@ -48,6 +49,7 @@ enum Command {
     Report(report::Arguments),
     Verify(verify::Arguments),
     Check(check::Arguments),
+    Explain(explain::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
 }
@@ -116,6 +118,7 @@ pub fn run() -> ExitCode {
         Command::Report(arguments) => report::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
+        Command::Explain(arguments) => explain::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),
     });
