@@ -377,19 +377,19 @@ impl Tensors<'_> {
         let is_count = |value: f64| value.fract() == 0.0 && (0.0..=9.0e15).contains(&value);
         let steps = self.views.contains_key(name);
         let steps = steps.then(|| self.values(name, &[], is_count, expected)).transpose()?;
-        let missing =
-            |name: &str, expected: &str| Problem::Missing { name: name.into(), expected: expected.into() };
-        let fresh = || Mlp::zeros(sizes.to_vec());
-        match (steps.map_or(0, |steps| steps[0] as u64), first, second) {
-            (0, None, None) => Ok(Moments { steps: 0, first: fresh(), second: fresh() }),
-            (0, ..) => Err(missing(name, "at least 1, because there is `adam.m.…` or `adam.v.…`")),
-            (_, None, _) => {
-                Err(missing("adam.m.0.weight", "Adam's first moment, because `adam.steps` is not 0"))
-            }
-            (_, _, None) => {
-                Err(missing("adam.v.0.weight", "Adam's second moment, because `adam.steps` is not 0"))
-            }
-            (steps, Some(first), Some(second)) => {
+        let missing = |name: &str, expected: &str| {
+            Err(Problem::Missing { name: name.into(), expected: expected.into() })
+        };
+        match (steps.map(|steps| steps[0] as u64), first, second) {
+            (None | Some(0), None, None) => Ok(Moments {
+                steps: 0,
+                first: Mlp::zeros(sizes.to_vec()),
+                second: Mlp::zeros(sizes.to_vec()),
+            }),
+            (None, ..) => missing(name, expected),
+            (_, None, _) => missing("adam.m.0.weight", "Adam's first moment, as there is `adam.steps`"),
+            (_, _, None) => missing("adam.v.0.weight", "Adam's second moment, as there is `adam.steps`"),
+            (Some(steps), Some(first), Some(second)) => {
                 match second.parameters().iter().position(|&value| value < 0.0) {
                     None => Ok(Moments { steps, first, second }),
                     Some(index) => Err(Problem::WrongValue {

@@ -389,18 +389,19 @@ fn what_is_wrong_with_a_file_is_named_with_what_is_expected() {
     refused(b"{}".to_vec(), &["not a safetensors file"]);
     sandbox.run(&["check", "nowhere.safetensors"]).code(2).stderr(predicate::str::contains("cannot be read"));
 
-    let mut results = lesson(&Config::from_layers(None, &TINY.map_strings()).unwrap(), 90).unwrap();
-    results.loss = f32::NAN;
-    let bytes = results.tensors().to_bytes(&results.settings()).unwrap();
-    refused(bytes, &["`result.loss` holds NaN", "finite"]);
-}
-
-trait MapStrings {
-    fn map_strings(&self) -> Vec<String>;
-}
-
-impl MapStrings for &[&str] {
-    fn map_strings(&self) -> Vec<String> {
-        self.iter().map(ToString::to_string).collect()
+    let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
+    let lesson = lesson(&Config::from_layers(None, &set).unwrap(), 90).unwrap();
+    for (name, shape, values, expected) in [
+        ("result.loss", &[1][..], &[f32::NAN][..], &["`result.loss` holds NaN", "a finite number"][..]),
+        ("batch.rewards", &[8], &[f32::INFINITY; 8], &["`batch.rewards` holds inf", "a finite number"]),
+        ("batch.observations", &[0, 4], &[], &["F32 [0, 4]", "a batch of at least 1"]),
+        ("batch.actions", &[8], &[2.0; 8], &["holds 2", "an action from 0 to 1"]),
+        ("batch.terminated", &[8], &[0.5; 8], &["holds 0.5", "0 or 1"]),
+        ("adam.v.0.bias", &[8], &[-1.0; 8], &["holds -1", "at least 0"]),
+        ("adam.steps", &[1], &[1.5], &["holds 1.5", "one integer"]),
+    ] {
+        let mut file = lesson.tensors();
+        file.put(name, shape, values);
+        refused(file.to_bytes(&lesson.settings()).unwrap(), expected);
     }
 }
