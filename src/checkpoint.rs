@@ -2,14 +2,16 @@
 //! the layout.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io;
+use std::fs::File;
+use std::io::{self, Read};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use safetensors::tensor::Metadata;
 use safetensors::{Dtype, SafeTensors, View};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use crate::files::{read_limited, write_whole_keeping};
+use crate::files::{check_memory, open_ordinary, read_limited, write_whole_keeping};
 use crate::nn::Mlp;
 
 /// The version of the layout that this program writes; it reads all from 1 on.
@@ -18,13 +20,16 @@ pub const FORMAT_VERSION: u32 = 2;
 const SEALED_VERSION: u32 = 2;
 /// The one key of the metadata, so that its bytes cannot depend on an order of keys; the value is JSON.
 const METADATA_KEY: &str = "cartpole-dqn";
-/// What stands before a file's own SHA-256 in its bytes, and in its place while that is computed.
+/// What stands before the place of a file's own SHA-256 as this program writes it.
 const SEAL: &[u8] = br#"\"sha256\":\""#;
 /// How a header begins.
 const START: &str = "{\"format_version\":";
+/// What stands in the place of the SHA-256 while that is computed.
 const NO_SHA256: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 /// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 32;
+/// Longest JSON header, as the crate `safetensors` has it.
+const MAX_HEADER_SIZE: u64 = 100_000_000;
 /// Most layers and most units of a layer that a policy may have.
 const MAX_LAYERS: usize = 64;
 const MAX_UNITS: usize = 1 << 16;
@@ -78,7 +83,7 @@ pub enum Problem {
     Unreadable(io::Error),
     #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
-    #[error("is damaged: its content does not have the SHA-256 that it was written with")]
+    #[error("is damaged: its content does not match the SHA-256 in it")]
     WrongSha256,
     #[error("has no tensor `{0}`")]
     Missing(String),
@@ -92,23 +97,25 @@ pub enum Problem {
     WrongNetwork { found: Vec<usize>, inputs: usize, outputs: usize },
     #[error("tensor `{0}` holds NaN or infinity")]
     NotFinite(String),
-    #[error("has no metadata of cartpole-dqn: another program wrote it")]
+    #[error("has no metadata of cartpole-dqn, so another program wrote it")]
     NoHeader,
     #[error("has format version {0}; this program reads versions 1 to {FORMAT_VERSION}")]
     WrongVersion(u32),
     #[error("its metadata is damaged: {0}")]
     BadHeader(String),
-    #[error("holds a policy but not the state of a run; `last.safetensors` does")]
+    #[error("holds only a policy and cannot be resumed; `last.safetensors` holds the state of a run")]
     NotResumable,
-    #[error("its replay memory does not fit together")]
+    #[error("its replay memory is inconsistent")]
     Replay,
-    #[error("its counters do not fit together, or are of another task")]
+    #[error("its counters are inconsistent, or belong to another task")]
     State,
     #[error(
         "has format version 1, which does not say how many lines of metrics.jsonl belong to it; train again"
     )]
     NoPlace,
-    #[error("is not of the config beside it: {0}")]
+    #[error("needs more memory than there is: {0}")]
+    Memory(String),
+    #[error("does not belong to the config.json of its run: {0}")]
     OtherRun(String),
 }
 
@@ -167,15 +174,38 @@ impl Checkpoint {
         Ok(Self { tensors: BTreeMap::new(), metadata: Some(serde_json::to_string(&sealed)?) })
     }
 
-    /// Reads a file whole.
+    /// Reads a file whole. A file that cannot be one is refused by its size and its header: of what follows them nothing
+    /// is read.
     ///
     /// # Errors
     /// When it cannot be read, is too large, or is not a whole safetensors file.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
-        read_limited(path, MAX_FILE_SIZE)
-            .map_err(Problem::Unreadable)
-            .and_then(|bytes| Self::from_bytes(&bytes))
-            .map_err(|problem| CheckpointError { path: path.to_owned(), problem })
+        let read = || {
+            check_header(path)?;
+            let bytes = read_limited(path, MAX_FILE_SIZE).map_err(Problem::Unreadable)?;
+            // The tensors here, and where they are put.
+            check_memory([bytes.len() as u64; 2]).map_err(Problem::Unreadable)?;
+            Self::from_bytes(&bytes)
+        };
+        read().map_err(|problem| CheckpointError { path: path.to_owned(), problem })
+    }
+
+    /// Reads a stream whole.
+    ///
+    /// # Errors
+    /// As [`Self::read`]. What does not begin as a safetensors file does is not read any further.
+    pub fn read_from(mut stream: impl Read) -> Result<Self, Problem> {
+        let mut bytes = Vec::new();
+        // The length of the header in 8 bytes, then the header, which is a JSON object.
+        stream.by_ref().take(9).read_to_end(&mut bytes).map_err(Problem::Unreadable)?;
+        if bytes.last() == Some(&b'{') {
+            stream.take(MAX_FILE_SIZE).read_to_end(&mut bytes).map_err(Problem::Unreadable)?;
+        }
+        if bytes.len() as u64 > MAX_FILE_SIZE {
+            let message = format!("larger than {MAX_FILE_SIZE} bytes");
+            return Err(Problem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
+        }
+        Self::from_bytes(&bytes)
     }
 
     /// Parses the content of a file.
@@ -184,7 +214,7 @@ impl Checkpoint {
     /// When it is not a whole safetensors file, or not as it was written.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
         let damaged = |error: safetensors::SafeTensorError| Problem::NotSafetensors(error.to_string());
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+        let (header_length, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let file = SafeTensors::deserialize(bytes).map_err(damaged)?;
         let tensors = file.iter().map(|(name, view)| {
             let tensor =
@@ -197,7 +227,7 @@ impl Checkpoint {
         let header =
             metadata.into_iter().find(|(name, text)| name == METADATA_KEY || text.starts_with(START));
         match header {
-            Some((name, text)) if name != METADATA_KEY || !is_sealed(bytes, &text) => {
+            Some((name, text)) if name != METADATA_KEY || !is_sealed(bytes, header_length, &text) => {
                 Err(Problem::WrongSha256)
             }
             header => Ok(Self { tensors, metadata: header.map(|(_, text)| text) }),
@@ -360,14 +390,39 @@ impl Checkpoint {
     }
 }
 
-/// Whether a file is as it was written, as far as its header says.
-fn is_sealed(bytes: &[u8], header: &str) -> bool {
-    let Ok(found) = serde_json::from_str::<Found>(header) else { return true };
-    match (found.sha256, seal_place(bytes)) {
-        (Some(sha256), Some(place)) => sha256 == sha256_without(bytes, place),
-        (Some(_), None) => false,
-        (None, _) => found.format_version < SEALED_VERSION,
+/// Checks the length of a file against what its header says.
+fn check_header(path: &Path) -> Result<(), Problem> {
+    const LENGTH: usize = size_of::<u64>();
+    let damaged = |reason: &str| Problem::NotSafetensors(reason.into());
+    let mut file = open_ordinary(File::options().read(true), path).map_err(Problem::Unreadable)?;
+    let size = file.metadata().map_err(Problem::Unreadable)?.len();
+    if size > MAX_FILE_SIZE {
+        let message = format!("larger than {MAX_FILE_SIZE} bytes");
+        return Err(Problem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
     }
+    let mut length = [0; LENGTH];
+    file.read_exact(&mut length).map_err(|_| damaged("shorter than 8 bytes"))?;
+    let length = u64::from_le_bytes(length);
+    let data = size.checked_sub(LENGTH as u64).and_then(|rest| rest.checked_sub(length));
+    let data = data.filter(|_| length <= MAX_HEADER_SIZE).ok_or_else(|| damaged("its header is too long"))?;
+    let mut header = Vec::new();
+    file.take(length).read_to_end(&mut header).map_err(Problem::Unreadable)?;
+    let header: Metadata =
+        serde_json::from_slice(&header).map_err(|error| damaged(&format!("its header: {error}")))?;
+    match header.data_len() as u64 {
+        expected if expected == data => Ok(()),
+        expected => Err(damaged(&format!("{data} bytes of tensors, and its header says {expected}"))),
+    }
+}
+
+/// Whether a file is as it was written, as far as its header says. Its SHA-256 is what stands first where its digits
+/// do, whoever has sealed it and with which spaces.
+fn is_sealed(bytes: &[u8], header_length: usize, header: &str) -> bool {
+    let Ok(found) = serde_json::from_str::<Found>(header) else { return true };
+    let Some(sha256) = found.sha256 else { return found.format_version < SEALED_VERSION };
+    let header = &bytes[..bytes.len().min(size_of::<u64>() + header_length)];
+    let place = header.windows(NO_SHA256.len()).position(|window| window == sha256.as_bytes());
+    place.is_some_and(|start| sha256 == sha256_without(bytes, start..start + NO_SHA256.len()))
 }
 
 /// Writes the SHA-256 of a file into it, if its header has a place for it.

@@ -1,6 +1,6 @@
 //! The config of a run: defaults < config file < `--set key.path=value`.
 //!
-//! Each `Layer` is read as a flat map (`"budget.steps"` → value) and held against one table, `KEYS`; they are
+//! Each `Layer` is read as a flat map (`"budget.steps"` → value) and checked against one table, `KEYS`; they are
 //! then merged into a [`Config`], and what binds several keys is checked last. A new key is a field, its default and
 //! a line of `KEYS`, from which the JSON Schema and `config show` follow; a new alternative of a group is a line of
 //! `alternatives`.
@@ -24,11 +24,13 @@ use crate::agent::{
     DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
 };
 use crate::env::{CartPole, Environment, EnvironmentId};
+use crate::files::check_memory;
 use crate::nn::{Init, LearningRateSchedule, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig};
 
 pub use difference::difference;
-pub use schema::Setting;
+pub use keys::key_paths;
+pub use schema::{Setting, keys};
 
 /// Largest config that is read, in bytes.
 pub const MAX_BYTES: u64 = 1 << 20;
@@ -270,11 +272,39 @@ impl Config {
     /// About how many bytes the large parts of a run take: the replay memory, the networks with their gradient and
     /// Adam's moments, the activations of a batch.
     fn memory(&self) -> u64 {
+        self.parts().iter().sum()
+    }
+
+    fn parts(&self) -> [u64; 3] {
         let sizes = self.network.sizes(CartPole::OBSERVATION_SIZE, CartPole::NUM_ACTIONS);
         let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
         let units: usize = sizes.iter().sum();
         let ReplayConfig { capacity, batch_size, .. } = self.replay;
-        (24 * capacity + 32 * parameters + 16 * batch_size * units) as u64
+        [24 * capacity, 32 * parameters, 16 * batch_size * units].map(|bytes| bytes as u64)
+    }
+
+    /// Whether the system has the memory that so many runs at the same time take, each with a checkpoint of what it can
+    /// fill of its replay memory: an allocation that fails in the middle of a run would end the process.
+    ///
+    /// # Errors
+    /// When it has not; the message says how much it takes and what would make it less.
+    pub fn check_memory(&self, runs: usize) -> Result<(), String> {
+        let [replay, networks, batch] = self.parts();
+        let filled = match self.budget {
+            Budget::Steps(steps) => replay.min(steps.saturating_mul(24)),
+            Budget::Episodes(_) => replay,
+        };
+        // A checkpoint is put together, and then written from one piece.
+        let run = [replay / 3 * 2, replay / 3, networks, batch, filled + networks, filled + networks];
+        check_memory(std::iter::repeat_n(run, runs).flatten()).map_err(|_| {
+            let mib = (run.iter().sum::<u64>() >> 20) + 1;
+            let ReplayConfig { capacity, batch_size, .. } = self.replay;
+            format!(
+                "not enough memory: a run takes up to {mib} MiB with `replay.capacity` {capacity}, `replay.batch_size` \
+                 {batch_size} and `network.hidden` {:?}; make these smaller, or give the process more memory",
+                self.network.hidden
+            )
+        })
     }
 
     /// The agent's part.
@@ -303,13 +333,18 @@ impl Config {
 /// # Errors
 /// The file cannot be opened or read, is larger, or is not UTF-8.
 pub fn read_file(path: &Path) -> Result<String, ConfigError> {
-    let read = || {
-        let mut bytes = Vec::new();
-        File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
-        if bytes.len() as u64 > MAX_BYTES {
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
-        }
-        String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
-    };
-    read().map_err(|source| ConfigError::Read { path: path.into(), source })
+    File::open(path).and_then(read).map_err(|source| ConfigError::Read { path: path.into(), source })
+}
+
+/// Reads the text of a config of at most 1 MiB.
+///
+/// # Errors
+/// It cannot be read, is larger, or is not UTF-8.
+pub fn read(source: impl Read) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    source.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 MiB"));
+    }
+    String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }

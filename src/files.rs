@@ -1,9 +1,12 @@
 //! Files that are either whole or not there, and reading what anybody may have written.
 
 use std::ffi::OsStr;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tempfile::NamedTempFile;
 
 const PREFIX: &str = ".writing-";
 const SUFFIX: &str = ".tmp";
@@ -17,8 +20,8 @@ pub fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result
     write_whole_keeping(path, None, write)
 }
 
-/// As [`write_whole`], with the file that was there before under the name `kept`, whose own file goes. At any moment at
-/// least one of the two is there, whole.
+/// Like [`write_whole`], but the existing file survives under the name `kept` and replaces what had that name. At any
+/// moment at least one of the two is there and complete.
 ///
 /// # Errors
 /// See [`write_whole`].
@@ -39,19 +42,73 @@ pub fn write_whole_keeping(
     };
     // A missing folder is told here: the error of the next line names a file that nobody knows.
     folder.read_dir()?;
-    let mut file = tempfile::Builder::new().prefix(PREFIX).suffix(SUFFIX).tempfile_in(folder)?;
-    let mut buffer = BufWriter::new(file.as_file_mut());
+    let mut unfinished = Unfinished::new(folder)?;
+    let mut buffer = BufWriter::new(unfinished.file.as_file_mut());
     write(&mut buffer)?;
     buffer.flush()?;
     drop(buffer);
-    set_usual_permissions(file.as_file())?;
-    file.as_file().sync_all()?;
+    unfinished.file.as_file().sync_all()?;
     match kept {
         Some(kept) if path.exists() => keep(path, kept)?,
         _ => {}
     }
-    file.persist(path)?;
+    unfinished.persist(path)?;
     sync_folder(folder)
+}
+
+/// The paths of the files that this process is writing. [`remove_own_unfinished`] removes them.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn own_unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes every file that this process has not finished. No new one is made while the result lives, and no thread gets
+/// past the end of a write: the process is about to end.
+pub fn remove_own_unfinished() -> impl Drop {
+    let paths = own_unfinished();
+    paths.iter().for_each(|path| drop(fs::remove_file(path)));
+    paths
+}
+
+/// A temporary file, locked as long as the process that writes it lives.
+struct Unfinished {
+    file: NamedTempFile,
+    listed: PathBuf,
+}
+
+impl Unfinished {
+    fn new(folder: &Path) -> io::Result<Self> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX).suffix(SUFFIX);
+        // The umask of the process takes bits away, as from every new file.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut paths = own_unfinished();
+        loop {
+            let file = builder.tempfile_in(folder)?;
+            // A file system without locks is no reason to refuse.
+            let _ = file.as_file().lock();
+            // Before it was locked another process may have taken it for abandoned.
+            if file.path().exists() {
+                let listed = file.path().to_owned();
+                paths.push(listed.clone());
+                return Ok(Self { file, listed });
+            }
+        }
+    }
+
+    fn persist(mut self, path: &Path) -> io::Result<()> {
+        fs::rename(self.file.path(), path)?;
+        self.file.disable_cleanup(true);
+        Ok(())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        own_unfinished().retain(|path| *path != self.listed);
+    }
 }
 
 /// Gives a file a second name; where a file system has no hard links, another one.
@@ -79,6 +136,28 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> 
     })
 }
 
+/// As [`write_json`], where there is no file yet.
+///
+/// # Errors
+/// See [`write_whole`], and [`io::ErrorKind::AlreadyExists`].
+pub fn write_json_new(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
+    let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut unfinished = Unfinished::new(folder)?;
+    let mut text = serde_json::to_vec_pretty(value)?;
+    text.push(b'\n');
+    unfinished.file.write_all(&text)?;
+    unfinished.file.as_file().sync_all()?;
+    // A link takes no name that is there, as a rename does.
+    match fs::hard_link(unfinished.file.path(), path) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists && !path.exists() => {
+            // A file system without hard links.
+            unfinished.persist(path)?;
+        }
+        linked => linked?,
+    }
+    sync_folder(folder)
+}
+
 /// Opens an ordinary file: a pipe could wait for ever, a device have no end.
 ///
 /// # Errors
@@ -90,19 +169,48 @@ pub fn open_ordinary(options: &fs::OpenOptions, path: &Path) -> io::Result<File>
     options.open(path)
 }
 
-/// Reads an ordinary file of at most `max_bytes`.
+/// Reads an ordinary file of at most `max_bytes`. A file that is larger is refused before anything of it is read.
 ///
 /// # Errors
-/// When it is larger, or not an ordinary file, or cannot be read.
+/// When it is larger, or not an ordinary file, or cannot be read, or the memory does not suffice.
 pub fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     let file = open_ordinary(File::options().read(true), path)?;
-    let mut bytes = Vec::new();
-    file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > max_bytes {
+    let size = file.metadata()?.len();
+    let too_large = || {
         let message = format!("larger than {max_bytes} bytes");
-        return Err(io::Error::new(io::ErrorKind::FileTooLarge, message));
+        io::Error::new(io::ErrorKind::FileTooLarge, message)
+    };
+    if size > max_bytes {
+        return Err(too_large());
     }
-    Ok(bytes)
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(usize::try_from(size).map_err(|_| too_large())?)?;
+    file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > max_bytes { Err(too_large()) } else { Ok(bytes) }
+}
+
+/// Whether the memory suffices for parts of so many bytes at the same time. A later allocation that fails would end the
+/// process.
+///
+/// # Errors
+/// [`io::ErrorKind::OutOfMemory`] when it does not.
+pub fn check_memory(parts: impl IntoIterator<Item = u64>) -> io::Result<()> {
+    let mut reserved = Vec::new();
+    for part in parts {
+        let mut bytes = Vec::<u8>::new();
+        bytes.try_reserve_exact(usize::try_from(part).unwrap_or(usize::MAX))?;
+        // Or the compiler leaves the allocation out.
+        reserved.push(std::hint::black_box(bytes));
+    }
+    Ok(())
+}
+
+/// Whether an ordinary file begins with these bytes, or is empty. No more than these are read.
+pub fn begins_with(path: &Path, start: &[u8]) -> bool {
+    let mut found = Vec::new();
+    let file = open_ordinary(File::options().read(true), path);
+    let read = file.and_then(|file| file.take(start.len() as u64).read_to_end(&mut found));
+    read.is_ok() && (found.is_empty() || found == start)
 }
 
 /// As [`read_limited`], as text.
@@ -114,7 +222,7 @@ pub fn read_text_limited(path: &Path, max_bytes: u64) -> io::Result<String> {
     text.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }
 
-/// Removes what a killed process has left half-written in a folder.
+/// Removes what killed processes have left half-written in a folder. What a process still writes there stays.
 ///
 /// # Errors
 /// When the folder cannot be read or a file in it not removed.
@@ -122,10 +230,28 @@ pub fn remove_unfinished(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
         if is_unfinished(&entry.file_name()) {
-            fs::remove_file(entry.path())?;
+            remove_abandoned(&entry.path())?;
         }
     }
     Ok(())
+}
+
+/// Removes an unfinished file, unless a process still writes it.
+///
+/// # Errors
+/// When it cannot be removed.
+pub fn remove_abandoned(path: &Path) -> io::Result<()> {
+    let is_link = path.symlink_metadata().is_ok_and(|found| found.is_symlink());
+    let removed = match open_ordinary(File::options().read(true), path) {
+        Ok(file) if !is_link && matches!(file.try_lock(), Err(TryLockError::WouldBlock)) => Ok(()),
+        Err(error) if !is_link && error.kind() == io::ErrorKind::NotFound => Ok(()),
+        // The lock is held until the file is gone.
+        _file => fs::remove_file(path),
+    };
+    match removed {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    }
 }
 
 /// Whether a file's name is that of an unfinished one, which a killed process leaves behind.
@@ -133,14 +259,49 @@ pub fn is_unfinished(name: &OsStr) -> bool {
     name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX))
 }
 
-/// Temporary files are private; what takes their place should be as readable as any other new file.
-#[cfg(unix)]
-fn set_usual_permissions(file: &File) -> io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.set_permissions(std::fs::Permissions::from_mode(0o644))
+/// Whether an open file is still the one at that path: another process may have removed or replaced it before this one
+/// had locked it.
+///
+/// # Errors
+/// When the open file cannot be asked.
+pub fn is_at(file: &File, path: &Path) -> io::Result<bool> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let id = |found: fs::Metadata| (found.dev(), found.ino());
+        let open = id(file.metadata()?);
+        Ok(path.metadata().is_ok_and(|found| id(found) == open))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = file;
+        Ok(path.exists())
+    }
 }
 
-#[cfg(not(unix))]
-fn set_usual_permissions(_file: &File) -> io::Result<()> {
-    Ok(())
+/// Makes a folder and those above it; returns those that it made, the innermost first. On an error it removes them
+/// again.
+///
+/// # Errors
+/// When one cannot be made.
+pub fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
+    let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
+    let mut missing: Vec<PathBuf> = path.ancestors().take_while(is_missing).map(Path::to_owned).collect();
+    let mut made = Vec::new();
+    while let Some(folder) = missing.pop() {
+        match fs::create_dir(&folder) {
+            Ok(()) => made.insert(0, folder),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists && folder.is_dir() => {}
+            Err(error) => {
+                remove_empty(&made);
+                return Err(error);
+            }
+        }
+    }
+    Ok(made)
+}
+
+/// Removes those folders that are empty, the innermost first.
+pub fn remove_empty(folders: &[PathBuf]) {
+    folders.iter().for_each(|folder| drop(fs::remove_dir(folder)));
 }

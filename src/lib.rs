@@ -16,6 +16,7 @@
 //! | [`check`] | which known mistake another program's update has |
 //! | [`explain`] | one update of our own training, with all its numbers |
 //! | [`report`] | what a study or a run amounts to, from files alone |
+//! | [`text`] | names, tables and sentences that fit a terminal |
 //!
 //! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
 //!
@@ -41,6 +42,7 @@ pub mod report;
 pub mod rng;
 pub mod sink;
 pub mod study;
+pub mod text;
 pub mod trainer;
 pub mod view;
 

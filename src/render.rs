@@ -6,8 +6,8 @@
 mod gif;
 mod svg;
 
-pub use gif::write_gif;
-pub use svg::svg;
+pub use gif::{is_gif, write_gif};
+pub use svg::{is_svg, svg};
 
 use crate::env::CartPole;
 

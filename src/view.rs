@@ -10,23 +10,27 @@ mod player;
 mod scene;
 mod watch;
 
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, stdout};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
 use std::time::Duration;
 
+use ratatui::crossterm::cursor::MoveTo;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-use ratatui::crossterm::terminal;
+use ratatui::crossterm::execute;
+use ratatui::crossterm::terminal::{self, Clear, ClearType, EnterAlternateScreen};
 use ratatui::layout::{Rect, Size};
 use ratatui::widgets::Paragraph;
-use ratatui::{DefaultTerminal, Frame};
+use ratatui::{DefaultTerminal, Frame, TerminalOptions, Viewport};
 
-pub use live::Live;
+pub use live::{Interrupts, Live};
 pub use pace::Pace;
 pub use watch::watch;
 
 /// The smallest terminal that a view fits in.
 const SMALLEST: Size = Size { width: 70, height: 20 };
+/// The largest area that a view draws to, however large the terminal claims to be: a view takes memory for every cell.
+const LARGEST: Size = Size { width: 500, height: 200 };
 /// The time between two pictures: a step of simulated time.
 const FRAME: Duration = Duration::from_millis(20);
 
@@ -35,10 +39,16 @@ const FRAME: Duration = Duration::from_millis(20);
 pub enum NoView {
     /// Input or output goes somewhere else.
     #[error(
-        "standard input and output are not a terminal, which this view needs; `train` alone shows its progress anywhere, \
+        "this view needs a terminal as standard input and output; `train` without --live shows its progress anywhere, \
          and `render` draws an episode into a file"
     )]
     NoTerminal,
+    /// It can only print lines.
+    #[error(
+        "this view draws on the terminal, and TERM=dumb says that the terminal cannot do that; `train` alone shows its \
+         progress anywhere, and `render` draws an episode into a file"
+    )]
+    Dumb,
     /// The terminal cannot hold it.
     #[error("the terminal has {} × {} characters, and {} × {} are needed; make it larger", .0.width, .0.height, SMALLEST.width, SMALLEST.height)]
     TooSmall(Size),
@@ -50,10 +60,13 @@ pub enum NoView {
 /// Makes sure that a view can be opened.
 ///
 /// # Errors
-/// There is no terminal, or it is too small.
+/// There is no terminal, it cannot draw, or it is too small.
 pub fn check_terminal() -> Result<(), NoView> {
     if [io::stdin().is_terminal(), io::stdout().is_terminal()].contains(&false) {
         return Err(NoView::NoTerminal);
+    }
+    if std::env::var_os("TERM").is_some_and(|term| term == "dumb") {
+        return Err(NoView::Dumb);
     }
     let (width, height) = terminal::size()?;
     if width < SMALLEST.width || height < SMALLEST.height {
@@ -65,14 +78,32 @@ pub fn check_terminal() -> Result<(), NoView> {
 /// The terminal in the hands of a view; dropped, or in a panic, it is as before.
 struct Screen {
     terminal: DefaultTerminal,
+    area: Rect,
     keys: Receiver<KeyEvent>,
+}
+
+/// The part of the terminal that a view draws to.
+fn drawn_area((width, height): (u16, u16)) -> Rect {
+    Rect::new(0, 0, width.min(LARGEST.width), height.min(LARGEST.height))
+}
+
+/// Clears the whole terminal. Some have no second screen for programs, and show a view over what was there.
+fn clear() -> io::Result<()> {
+    execute!(stdout(), Clear(ClearType::All), MoveTo(0, 0))
 }
 
 impl Screen {
     fn open() -> Result<Self, NoView> {
         check_terminal()?;
-        let opened = ratatui::try_init();
-        let terminal = opened.inspect_err(|_| drop(ratatui::try_restore()))?;
+        Self::try_open().inspect_err(|_| drop(ratatui::try_restore())).map_err(NoView::from)
+    }
+
+    fn try_open() -> io::Result<Self> {
+        let area = drawn_area(terminal::size()?);
+        let viewport = Viewport::Fixed(area);
+        let terminal = ratatui::try_init_with_options(TerminalOptions { viewport })?;
+        execute!(stdout(), EnterAlternateScreen)?;
+        clear()?;
         // In a thread of its own, which ends with the process: crossterm never returns once a terminal has gone away.
         let (sender, keys) = channel();
         thread::Builder::new().name("keys".into()).spawn(move || {
@@ -85,10 +116,16 @@ impl Screen {
                 }
             }
         })?;
-        Ok(Self { terminal, keys })
+        Ok(Self { terminal, area, keys })
     }
 
     fn draw(&mut self, content: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
+        let area = drawn_area(terminal::size()?);
+        if area != self.area {
+            clear()?;
+            self.terminal.resize(area)?;
+            self.area = area;
+        }
         self.terminal.draw(|frame| match frame.area() {
             Rect { width, height, .. } if width < SMALLEST.width || height < SMALLEST.height => {
                 let text = format!("at least {} × {} characters", SMALLEST.width, SMALLEST.height);
@@ -113,6 +150,7 @@ impl Drop for Screen {
     fn drop(&mut self) {
         // After a panic it has been restored, and what was printed since must stay.
         if terminal::is_raw_mode_enabled().unwrap_or(true) {
+            let _ = clear();
             let _ = ratatui::try_restore();
         }
     }
@@ -146,6 +184,12 @@ mod tests {
         let cells = terminal.backend().buffer().content();
         let rows = cells.chunks(usize::from(width));
         rows.map(|row| row.iter().map(|cell| cell.symbol()).collect::<String>() + "\n").collect()
+    }
+
+    #[test]
+    fn a_view_draws_to_no_more_than_its_largest_area() {
+        assert_eq!(drawn_area((80, 24)), Rect::new(0, 0, 80, 24));
+        assert_eq!(drawn_area((u16::MAX, u16::MAX)), Rect::new(0, 0, LARGEST.width, LARGEST.height));
     }
 
     #[test]

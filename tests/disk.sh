@@ -23,7 +23,7 @@ expect() {
 train=("$binary" train --quiet --config "$config" --set checkpoint.every_steps=100)
 "${train[@]}" --out whole
 # Full in the middle of the run: at once, with the last good checkpoint and no half file.
-expect 1 'No space left.*go on with' "${train[@]}" --out disk/run
+expect 1 'No space left.*resume with' "${train[@]}" --out disk/run
 "$binary" inspect --checkpoint disk/run/checkpoints/last.safetensors >/dev/null
 [ -z "$(find disk -name '*.tmp')" ] || fail 'half a file is left'
 [ ! -e disk/run/summary.json ] || fail 'a summary of a run that did not end'

@@ -33,7 +33,7 @@ for ((run = 0; run < runs; run++)); do
         kill -KILL "$pid" 2>/dev/null || true
         status=0
         wait "$pid" 2>/dev/null || status=$?
-        if grep -q 'goes on from' stderr; then fallbacks=$((fallbacks + 1)); fi
+        if grep -q 'resuming from' stderr; then fallbacks=$((fallbacks + 1)); fi
         case $status in
             0) break ;;
             137) kills=$((kills + 1)) ;;

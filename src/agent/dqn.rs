@@ -122,6 +122,14 @@ impl Dqn {
         }
     }
 
+    /// Gives the agent the schedules of another config after `env_steps` environment steps.
+    pub fn set_schedules(&mut self, config: &DqnConfig, env_steps: u64) {
+        self.config.optimizer = config.optimizer;
+        self.config.exploration = config.exploration;
+        self.adam.learning_rate = config.optimizer.learning_rate_after(env_steps);
+        self.epsilon = config.exploration.after_step(self.epsilon, env_steps);
+    }
+
     /// Remembers what an action brought.
     pub fn observe(&mut self, transition: Transition) {
         let terminated =
@@ -272,8 +280,9 @@ impl Policy for Dqn {
         argmax(self.buffers.acting.output(), 0)
     }
 
-    fn q_values(&self) -> &[f32] {
-        self.buffers.acting.output().as_slice()
+    fn q_values(&self) -> Vec<f32> {
+        let q = self.buffers.acting.output().iter();
+        q.map(|&q| (f64::from(q) / self.config.reward_scale) as f32).collect()
     }
 }
 
@@ -290,6 +299,22 @@ impl Dqn {
             weights.iter_mut().for_each(|weight| *weight /= scale);
         }
         policy
+    }
+}
+
+impl Dqn {
+    /// The inverse of [`Self::policy`]: makes both networks a policy for observations as the environment gives them,
+    /// of the same layer sizes. False if a weight leaves the finite under the agent's observation scale.
+    #[must_use]
+    pub fn set_policy(&mut self, policy: &Mlp<f32>) -> bool {
+        self.online.copy_from(policy);
+        let outputs = policy.sizes()[1];
+        let columns = self.online.layer_mut(0).chunks_exact_mut(outputs);
+        for (weights, scale) in columns.zip(&self.observation_scale) {
+            weights.iter_mut().for_each(|weight| *weight *= scale);
+        }
+        self.target.copy_from(&self.online);
+        self.online.parameters().iter().all(|parameter| parameter.is_finite())
     }
 }
 

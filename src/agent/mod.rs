@@ -24,8 +24,9 @@ pub trait Policy {
     /// The action for one observation.
     fn act(&mut self, observation: &[f32]) -> usize;
 
-    /// The estimated returns of all actions in the observation last acted on; empty if the policy has none.
-    fn q_values(&self) -> &[f32];
+    /// The estimated returns of all actions in the observation last acted on, in units of the environment's rewards;
+    /// empty if the policy has none.
+    fn q_values(&self) -> Vec<f32>;
 }
 
 /// A network's greedy policy, for a batch of observations at once.
@@ -33,12 +34,20 @@ pub trait Policy {
 pub struct Greedy {
     network: Mlp<f32>,
     activations: Activations<f32>,
+    reward_scale: f64,
 }
 
 impl Greedy {
     /// The greedy policy of a network for up to `batch` observations at once.
     pub fn new(network: Mlp<f32>, batch: usize) -> Self {
-        Self { activations: Activations::new(network.sizes(), batch), network }
+        Self { activations: Activations::new(network.sizes(), batch), network, reward_scale: 1.0 }
+    }
+
+    /// The same policy of a network that was trained on rewards times `reward_scale`. It changes no action: only the
+    /// Q-values that are shown are divided by the scale, not the weights, whose rounding could decide between two actions.
+    #[must_use]
+    pub fn with_reward_scale(self, reward_scale: f64) -> Self {
+        Self { reward_scale, ..self }
     }
 
     /// How many observations fit.
@@ -63,9 +72,9 @@ impl Greedy {
         argmax(self.activations.output(), sample)
     }
 
-    /// The Q-value of an action for one of the observations seen.
+    /// The Q-value of an action for one of the observations seen, in units of the environment's rewards.
     pub fn q_value(&self, sample: usize, action: usize) -> f64 {
-        f64::from(self.activations.output()[(sample, action)])
+        f64::from(self.activations.output()[(sample, action)]) / self.reward_scale
     }
 }
 
@@ -75,9 +84,8 @@ impl Policy for Greedy {
         self.action(0)
     }
 
-    /// Of all observations seen, action by action.
-    fn q_values(&self) -> &[f32] {
-        self.activations.output().as_slice()
+    fn q_values(&self) -> Vec<f32> {
+        (0..self.activations.output().ncols()).map(|action| self.q_value(0, action) as f32).collect()
     }
 }
 

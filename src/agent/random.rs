@@ -22,7 +22,7 @@ impl Policy for Random {
         self.rng.below(self.num_actions as u64) as usize
     }
 
-    fn q_values(&self) -> &[f32] {
-        &[]
+    fn q_values(&self) -> Vec<f32> {
+        Vec::new()
     }
 }

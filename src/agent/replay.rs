@@ -199,8 +199,9 @@ impl Replay {
         }
     }
 
-    /// Takes the room of the forgotten ones if they are a sixteenth, or else that much more: with what `Vec` grows by,
-    /// a small memory of short episodes would take more than 24 bytes a transition.
+    /// Makes room for one more final observation. It reuses the space of forgotten ones once they are a sixteenth of all,
+    /// and otherwise grows by a sixteenth. Doubling, as `Vec` does, would cost more than 24 bytes per transition when
+    /// episodes are short.
     fn make_room_for_a_final(&mut self) {
         let sixteenth = self.final_slots.len() / 16;
         if self.final_slots.len() < self.final_slots.capacity() {

@@ -9,8 +9,9 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
-use crate::files::{read_limited, write_whole};
+use crate::files::read_limited;
 use crate::nn::{Loss, Mlp};
+use crate::text::shown;
 
 /// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 28;
@@ -134,7 +135,7 @@ pub struct Results {
 
 /// Why a file is no update.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {problem}", path.display())]
+#[error("{}: {problem}", shown(path))]
 pub struct UpdateError {
     /// The file.
     pub path: PathBuf,
@@ -471,6 +472,9 @@ fn numbers(view: &TensorView) -> Option<Vec<f64>> {
     })
 }
 
+/// How a file that [`Writer`] has made begins, behind the eight bytes of its header's length.
+pub const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
+
 /// An f32 update to be written.
 #[derive(Debug, Default)]
 pub struct Writer {
@@ -516,14 +520,5 @@ impl Writer {
         });
         let views = views.collect::<io::Result<Vec<_>>>()?;
         safetensors::serialize(views, Some(metadata)).map_err(io::Error::other)
-    }
-
-    /// Writes the file whole.
-    ///
-    /// # Errors
-    /// When it cannot be written.
-    pub fn write(&self, path: &Path, settings: &Settings) -> io::Result<()> {
-        let bytes = self.to_bytes(settings)?;
-        write_whole(path, |file| file.write_all(&bytes))
     }
 }

@@ -17,7 +17,9 @@ mod rounding;
 mod verdict;
 
 pub use catalogue::{CATALOGUE, Mistake, Stage};
-pub use file::{Batch, EpsilonPlace, Moments, Problem, Results, Settings, Update, UpdateError, Writer};
+pub use file::{
+    Batch, EpsilonPlace, Moments, Problem, Results, START, Settings, Update, UpdateError, Writer,
+};
 pub use reference::{
     Bootstrap, Clipping, Decay, LossOf, Mask, Optimizer, Penalty, Predicted, Reached, Reduction, Reference,
     Reward, Targets, Variant,

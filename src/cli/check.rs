@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::{Failure, print, print_json};
 use crate::check::{EpsilonPlace, Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
+use crate::text::shown;
 
 /// Columns of the text.
 const WIDTH: usize = 80;
@@ -49,10 +50,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let update = Update::read(&arguments.file)?;
     let verdict = check(&update);
     if arguments.json {
-        let file = arguments.file.display().to_string();
+        let file = shown(&arguments.file);
         print_json(&Record { file, settings: update.settings, verdict: &verdict })?;
     } else {
-        print(&describe(&arguments.file.display().to_string(), &update, &verdict))?;
+        print(&describe(&shown(&arguments.file), &update, &verdict))?;
     }
     if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
 }

@@ -1,22 +1,218 @@
 //! `cartpole-dqn completions`
+//!
+//! The scripts for bash, zsh and fish ask the hidden command `__words` what may follow. It reads the answer off
+//! the definitions of the commands, so that the three shells offer the same and nothing is listed twice in the code.
 
-use clap::{Args, CommandFactory};
+use std::ffi::OsString;
+use std::fs;
+
+use clap::builder::PossibleValue;
+use clap::{Arg, ArgAction, Args, Command, CommandFactory, ValueHint};
 use clap_complete::Shell;
 
 use super::{Failure, print};
+use crate::config;
 
-/// Print a script with which a shell completes commands and options.
+/// Print a script that lets a shell complete commands, options, config keys and paths.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example: cartpole-dqn completions bash > ~/.local/share/bash-completion/completions/cartpole-dqn"
-)]
+#[command(after_help = "\
+Examples, each a line for the file that the shell reads when it starts:
+  bash, ~/.bashrc:                   source <(cartpole-dqn completions bash)
+  zsh,  ~/.zshrc, after `compinit`:  source <(cartpole-dqn completions zsh)
+  fish, ~/.config/fish/config.fish:  cartpole-dqn completions fish | source")]
 pub(super) struct Arguments {
     /// The shell
     shell: Shell,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut script = Vec::new();
-    clap_complete::generate(arguments.shell, &mut super::Arguments::command(), "cartpole-dqn", &mut script);
-    print(&String::from_utf8_lossy(&script))
+    let script = match arguments.shell {
+        Shell::Bash => include_str!("completions/cartpole-dqn.bash").into(),
+        Shell::Zsh => include_str!("completions/cartpole-dqn.zsh").into(),
+        Shell::Fish => include_str!("completions/cartpole-dqn.fish").into(),
+        // The others complete commands and options, and no values.
+        shell => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut super::Arguments::command(), "cartpole-dqn", &mut script);
+            String::from_utf8_lossy(&script).into_owned()
+        }
+    };
+    print(&script)
+}
+
+/// Print what may stand in the place of the last word.
+#[derive(Debug, Args)]
+pub(super) struct Words {
+    /// The words after the name of the program, up to the cursor; the last may be empty
+    #[arg(last = true)]
+    words: Vec<OsString>,
+}
+
+/// A line for each candidate: the word, a tab, what it means. The line `:files` or `:directories` asks the shell for
+/// paths, because it knows how to quote them.
+pub(super) fn run_words(arguments: &Words) -> Result<(), Failure> {
+    let words: Vec<_> = arguments.words.iter().map(|word| word.to_string_lossy()).collect();
+    let words: Vec<&str> = words.iter().map(AsRef::as_ref).collect();
+    let Some((word, before)) = words.split_last() else { return Ok(()) };
+    let mut root = super::Arguments::command();
+    root.build();
+    let lines = candidates(&root, before, word).into_iter();
+    // A line is a candidate: nothing else can be told apart.
+    let lines = lines.filter(|(value, _)| !value.contains(char::is_control));
+    print(&lines.map(|(value, help)| format!("{value}\t{help}\n")).collect::<String>())
+}
+
+/// A word and what it means.
+type Candidate = (String, String);
+
+fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
+    let place = Place::after(root, before);
+    let mut all = match place.option {
+        Some(option) => values(option, word),
+        None if word.starts_with('-') && !place.only_positionals => match word.split_once('=') {
+            Some((name, value)) => {
+                let option = place.command.get_arguments().find(|arg| is_named(arg, name));
+                let values = option.map_or_else(Vec::new, |option| values(option, value));
+                let with_name = |(value, help): Candidate| match is_request(&value) {
+                    true => (value, help),
+                    false => (format!("{name}={value}"), help),
+                };
+                values.into_iter().map(with_name).collect()
+            }
+            None => place.options(),
+        },
+        None => {
+            let positional = place.positional();
+            let commands = place.command.get_subcommands().filter(|command| !command.is_hide_set());
+            let about = |command: &Command| first_line(command.get_about());
+            let commands = commands.map(|command| (command.get_name().to_owned(), about(command)));
+            let mut all: Vec<Candidate> = commands.collect();
+            all.extend(positional.into_iter().flat_map(|positional| values(positional, word)));
+            if all.is_empty() { place.options() } else { all }
+        }
+    };
+    all.retain(|(value, _)| value.starts_with(word) || is_request(value));
+    all
+}
+
+/// Where a word stands.
+struct Place<'a> {
+    command: &'a Command,
+    /// The option whose value it is.
+    option: Option<&'a Arg>,
+    /// The options that were given.
+    given: Vec<&'a Arg>,
+    /// How many positional arguments stand before it.
+    positionals: usize,
+    /// Whether there was a `--`.
+    only_positionals: bool,
+}
+
+impl<'a> Place<'a> {
+    fn after(root: &'a Command, words: &[&str]) -> Self {
+        let mut place =
+            Self { command: root, option: None, given: Vec::new(), positionals: 0, only_positionals: false };
+        for &word in words {
+            if place.option.take().is_some() {
+                continue;
+            }
+            if word == "--" && !place.only_positionals {
+                place.only_positionals = true;
+            } else if word.len() > 1 && word.starts_with('-') && !place.only_positionals {
+                let (name, has_value) = word.split_once('=').map_or((word, false), |(name, _)| (name, true));
+                let Some(option) = place.command.get_arguments().find(|arg| is_named(arg, name)) else {
+                    continue;
+                };
+                place.given.push(option);
+                place.option = Some(option).filter(|option| option.get_action().takes_values() && !has_value);
+            } else if let Some(command) = place.command.find_subcommand(word) {
+                (place.command, place.given, place.positionals) = (command, Vec::new(), 0);
+            } else {
+                place.positionals += 1;
+            }
+        }
+        place
+    }
+
+    /// The positional argument that comes next. Only the last takes many values.
+    fn positional(&self) -> Option<&'a Arg> {
+        let positionals: Vec<&Arg> = self.command.get_positionals().collect();
+        let takes_many = |arg: &&&Arg| matches!(arg.get_action(), ArgAction::Append);
+        positionals.get(self.positionals).or(positionals.last().filter(takes_many)).copied()
+    }
+
+    /// The options that can still be given.
+    fn options(&self) -> Vec<Candidate> {
+        let may_be_given =
+            |arg: &&Arg| matches!(arg.get_action(), ArgAction::Append) || !self.given.contains(arg);
+        let options = self.command.get_arguments().filter(|arg| !arg.is_hide_set()).filter(may_be_given);
+        options
+            .filter_map(|arg| Some((format!("--{}", arg.get_long()?), first_line(arg.get_help()))))
+            .collect()
+    }
+}
+
+/// Whether the argument is the option of this name, `--name` or `-n`.
+fn is_named(arg: &Arg, name: &str) -> bool {
+    match name.strip_prefix("--") {
+        Some(long) => arg.get_long() == Some(long),
+        None => arg.get_short().is_some_and(|short| name.strip_prefix('-') == Some(&short.to_string())),
+    }
+}
+
+/// What may be the value of an argument and begins with `word`.
+fn values(arg: &Arg, word: &str) -> Vec<Candidate> {
+    let possible = arg.get_possible_values();
+    if !possible.is_empty() {
+        let is_shown = |value: &&PossibleValue| !value.is_hide_set();
+        let candidate = |value: &PossibleValue| (value.get_name().to_owned(), first_line(value.get_help()));
+        return possible.iter().filter(is_shown).map(candidate).collect();
+    }
+    let name = arg.get_value_names().and_then(<[_]>::first).map_or("", |name| name.as_str());
+    match name {
+        "KEY=VALUE" => settings(word),
+        // The seeds of a study have an option of their own.
+        "KEY=VALUES" => settings(word).into_iter().filter(|(key, _)| key != "seed=").collect(),
+        _ => {
+            let is_path = ["FILE", "DIR", "PATH"].iter().any(|part| name.contains(part));
+            if !is_path && arg.get_value_hint() != ValueHint::AnyPath {
+                return Vec::new();
+            }
+            let takes_run = arg.is_positional() || ["checkpoint", "resume"].contains(&arg.get_id().as_str());
+            let mut candidates = if takes_run && !word.contains('/') { runs() } else { Vec::new() };
+            let request = if name.contains("DIR") { ":directories" } else { ":files" };
+            candidates.push((request.into(), String::new()));
+            candidates
+        }
+    }
+}
+
+fn is_request(value: &str) -> bool {
+    value.starts_with(':')
+}
+
+/// The keys of a config as `key=`. After the `=` come the key's values, where there are only a few; after a comma
+/// another of them.
+fn settings(word: &str) -> Vec<Candidate> {
+    let Some((name, _)) = word.split_once('=') else {
+        return config::keys().map(|(key, meaning, _)| (format!("{key}="), meaning.into())).collect();
+    };
+    let values = config::keys().find(|(key, ..)| *key == name).map_or_else(Vec::new, |(.., values)| values);
+    let before = &word[..=word.rfind([',', '=']).unwrap_or(name.len())];
+    values.into_iter().map(|value| (format!("{before}{value}"), String::new())).collect()
+}
+
+/// The runs that lie where `train` puts them.
+fn runs() -> Vec<Candidate> {
+    let entries = fs::read_dir("runs").into_iter().flatten().flatten();
+    let is_run = |entry: &fs::DirEntry| entry.path().join("config.json").is_file();
+    let paths = entries.filter(is_run).filter_map(|entry| entry.path().into_os_string().into_string().ok());
+    let mut runs: Vec<Candidate> = paths.map(|path| (path, "run".into())).collect();
+    runs.sort();
+    runs
+}
+
+/// The first sentence of a help text, which is its first line.
+fn first_line(text: Option<&clap::builder::StyledStr>) -> String {
+    text.map(ToString::to_string).unwrap_or_default().lines().next().unwrap_or_default().into()
 }

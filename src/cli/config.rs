@@ -9,7 +9,7 @@ use super::train::Layers;
 use super::{Failure, print, print_json};
 use crate::config::{Config, Setting};
 
-/// Explain configs: every key of one, or the JSON Schema of all.
+/// Explain configs: print every key with its meaning, or the JSON Schema.
 #[derive(Debug, Args)]
 pub(super) struct Arguments {
     #[command(subcommand)]
@@ -26,13 +26,13 @@ enum Command {
 
 /// Print the config that `train` would use with the same options: every key, what it means and its default.
 ///
-/// Every unindented line is one that --set takes.
+/// Every line that is not indented can be given to --set.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn config show --config configs/tutorial.json --set gamma=0.99")]
 struct Show {
     #[command(flatten)]
     layers: Layers,
-    /// Print the config as JSON, alone on standard output: a valid --config
+    /// Print the config as JSON, and nothing else, on standard output; the output is a valid --config
     #[arg(long)]
     json: bool,
 }

@@ -1,52 +1,59 @@
 //! `cartpole-dqn eval`
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use super::run_dir::checkpoint_of;
+use super::output::Output;
+use super::policy::{Found, Place};
+use super::run_dir::final_evaluation;
 use super::{Failure, print, print_json};
-use crate::agent::{Greedy, Policy, Random};
-use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::agent::{Policy, Random};
+use crate::checkpoint::weights_sha256;
 use crate::env::{CartPole, Environment, TimeLimit};
-use crate::files::write_whole;
-use crate::nn::Mlp;
 use crate::rng::Rng;
-use crate::trainer::{Score, evaluate, play};
+use crate::text::{shown, visible};
+use crate::trainer::{Evaluation, SavedPolicy, Score, evaluate, play};
 
 type Task = TimeLimit<CartPole>;
 
+/// How every trace begins.
+const TRACE_START: &[u8] = b"{\"episode\":";
+
 /// Play a trained policy and score it.
 ///
-/// Episode i is Gymnasium's CartPole-v1 after reset(seed = SEED + i), so every score can be repeated there.
+/// Plays 100 episodes with the greedy policy and prints statistics of their returns. Episode i starts as Gymnasium's
+/// CartPole-v1 does after reset(seed = SEED + i), so every score can be repeated there.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: cartpole-dqn eval --checkpoint runs/my-run --episodes 100 --min-mean 475")]
+#[command(after_help = "Example: cartpole-dqn eval runs/my-run --episodes 100 --min-mean 475")]
 pub(super) struct Arguments {
-    /// A checkpoint, a safetensors file of a torch.nn.Sequential, or a run's folder (its best, else its last)
-    #[arg(long, value_name = "FILE", required_unless_present = "policy", conflicts_with = "policy")]
-    checkpoint: Option<PathBuf>,
+    #[command(flatten)]
+    place: Place,
     /// Play a policy that needs no checkpoint
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["path", "checkpoint"])]
     policy: Option<Baseline>,
     /// Number of episodes
     #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true,
-        value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+        value_parser = super::integer::<1, 10_000_000>)]
     episodes: u64,
-    /// Gymnasium seed of the first episode; the others follow
+    /// Gymnasium seed of the first episode; each later episode has the next seed
     #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
         allow_negative_numbers = true)]
     seed: u64,
     /// Exit with code 1 if the mean return is below this
     #[arg(long, value_name = "X", value_parser = finite, allow_negative_numbers = true)]
     min_mean: Option<f64>,
-    /// Write every step to this file, one JSON object a line
+    /// Write every step to this file, one JSON object per line; "-" is standard output, and the score then goes to stderr
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Print the score as JSON, alone on standard output
+    /// Print the score as JSON, and nothing else, on standard output
     #[arg(long)]
     json: bool,
+    /// Print no score and no notes; the exit code still says whether --min-mean was reached
+    #[arg(long, conflicts_with = "json")]
+    quiet: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -57,6 +64,7 @@ enum Baseline {
 
 #[derive(Serialize)]
 struct Report<'a> {
+    policy: &'a Played,
     episodes: u64,
     seed: u64,
     mean: f64,
@@ -68,6 +76,22 @@ struct Report<'a> {
     returns: &'a [f64],
 }
 
+/// Which policy was played.
+#[derive(Default, Serialize)]
+struct Played {
+    /// `best` or `last` of a run, `other` (of another program) or `random`.
+    kind: &'static str,
+    file: Option<String>,
+    /// Environment steps of training before it.
+    env_steps: Option<u64>,
+    /// The latest evaluation in training until then.
+    evaluation: Option<Evaluation>,
+    weights_sha256: Option<String>,
+    /// The evaluation at the end of the run, if the policy is not that of the end, and the file of that one.
+    #[serde(skip)]
+    end: Option<(Evaluation, PathBuf)>,
+}
+
 /// One line of `--trace`.
 #[derive(Serialize)]
 struct TraceLine<'a> {
@@ -76,7 +100,7 @@ struct TraceLine<'a> {
     step: u64,
     state: &'a [f64],
     action: usize,
-    q_values: &'a [f32],
+    q_values: Vec<f32>,
     reward: f32,
     terminated: bool,
     truncated: bool,
@@ -89,30 +113,55 @@ fn finite(text: &str) -> Result<f64, String> {
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     if arguments.seed.checked_add(arguments.episodes - 1).is_none() {
         return Err(Failure::BadInput(format!(
-            "--seed {} + --episodes {} goes past the largest seed, {}",
+            "--seed {} + --episodes {} is beyond the largest seed, {}",
             arguments.seed,
             arguments.episodes,
             u64::MAX
         )));
     }
-    if let Some(trace) = &arguments.trace {
-        check_output(trace, arguments.checkpoint.as_deref()).map_err(|problem| bad_trace(trace, &problem))?;
+    let trace = arguments.trace.as_deref().map(|path| Output {
+        option: "--trace",
+        path,
+        what: "a trace",
+        is_own: |start| start.starts_with(TRACE_START),
+    });
+    let trace_to_stdout = trace.as_ref().is_some_and(Output::is_standard);
+    if trace_to_stdout && arguments.json {
+        return Err(Failure::BadInput(
+            "--trace - and --json both want standard output; give the trace a file, or leave --json out"
+                .into(),
+        ));
     }
-    let returns = match &arguments.checkpoint {
-        Some(path) => {
-            let network = load_policy(path)?;
-            match arguments.trace {
-                None => evaluate(&network, &CartPole::v1(), arguments.seed, arguments.episodes),
-                Some(_) => play_all(&mut Greedy::new(network, 1), &arguments)?,
-            }
+    trace.as_ref().map_or(Ok(()), Output::check)?;
+    let (played, returns) = match arguments.policy {
+        Some(Baseline::Random) => {
+            let mut policy = Random::new(Task::NUM_ACTIONS, Rng::from_seed(arguments.seed));
+            let played = Played { kind: "random", ..Played::default() };
+            (played, play_all(&mut policy, &arguments, trace.as_ref())?)
         }
-        None => play_all(&mut Random::new(Task::NUM_ACTIONS, Rng::from_seed(arguments.seed)), &arguments)?,
+        None => {
+            let found = arguments.place.find(arguments.json || arguments.quiet)?;
+            let policy = found.policy()?;
+            let returns = match &trace {
+                None => Some(evaluate(&policy.network, &CartPole::v1(), arguments.seed, arguments.episodes)),
+                Some(_) => play_all(&mut policy.greedy(1), &arguments, trace.as_ref())?,
+            };
+            (Played::new(&found, &policy), returns)
+        }
     };
+    // Who read the trace wants no more of it, and no score either.
+    let Some(returns) = returns else { return Ok(()) };
     let score = Score::new(&returns);
     if arguments.json {
-        print_json(&report(&score, &returns, arguments.seed))?;
-    } else {
-        print(&describe(&score, &returns, &arguments))?;
+        print_json(&report(&played, &score, &returns, arguments.seed))?;
+    } else if !arguments.quiet {
+        let text = played.describe() + &describe(&score, &returns, &arguments);
+        if trace_to_stdout {
+            // A closed stderr leaves nobody to tell.
+            let _ = io::stderr().write_all(text.as_bytes());
+        } else {
+            print(&text)?;
+        }
     }
     match arguments.min_mean {
         Some(minimum) if score.mean < minimum => {
@@ -122,15 +171,56 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     }
 }
 
-/// The policy of a checkpoint or of a run's folder.
-pub(super) fn load_policy(path: &Path) -> Result<Mlp<f32>, Failure> {
-    let path = checkpoint_of(path)?;
-    let policy = Checkpoint::read(&path)?.policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS);
-    policy.map_err(|problem| CheckpointError { path, problem }.into())
+impl Played {
+    fn new(found: &Found, policy: &SavedPolicy) -> Self {
+        let played = Self {
+            kind: "other",
+            file: Some(found.file.to_string_lossy().into_owned()),
+            weights_sha256: Some(weights_sha256(&policy.network)),
+            ..Self::default()
+        };
+        let Some(header) = &policy.header else { return played };
+        let end = final_evaluation(&found.place).filter(|(end, _)| end.env_steps != header.env_steps);
+        Self {
+            kind: if header.state.is_some() { "last" } else { "best" },
+            env_steps: Some(header.env_steps),
+            evaluation: header.evaluation,
+            end,
+            ..played
+        }
+    }
+
+    /// The lines above the score.
+    fn describe(&self) -> String {
+        let mut text = match self.env_steps {
+            Some(step) => {
+                let evaluation = self.evaluation.map_or_else(String::new, |evaluation| {
+                    format!(", evaluated in training: {:.2}", evaluation.mean)
+                });
+                format!("policy         {} of its run, step {step}{evaluation}\n", self.kind)
+            }
+            None if self.file.is_some() => "policy         written by another program\n".into(),
+            None => format!("policy         {}\n", self.kind),
+        };
+        if let Some(file) = &self.file {
+            text += &format!("file           {}\n", visible(file));
+        }
+        if let Some((end, file)) = &self.end {
+            let (mean, step) = (end.mean, end.env_steps);
+            text +=
+                &format!("not played     last of its run, step {step}, evaluated in training: {mean:.2}\n");
+            text += &format!("               {}\n", shown(file));
+        }
+        text
+    }
 }
 
-/// Plays one episode after another, and writes the trace if one is asked for.
-fn play_all(policy: &mut impl Policy, arguments: &Arguments) -> Result<Vec<f64>, Failure> {
+/// Plays one episode after another, and writes the trace if one is asked for; none if nobody reads it any longer.
+fn play_all(
+    policy: &mut impl Policy,
+    arguments: &Arguments,
+    trace: Option<&Output<'_>>,
+) -> Result<Option<Vec<f64>>, Failure> {
     let mut returns = Vec::new();
     let mut play = |file: &mut dyn Write| -> io::Result<()> {
         for episode in 0..arguments.episodes {
@@ -138,29 +228,11 @@ fn play_all(policy: &mut impl Policy, arguments: &Arguments) -> Result<Vec<f64>,
         }
         Ok(())
     };
-    match &arguments.trace {
-        None => play(&mut io::sink()).map_err(|error| Failure::Failed(error.to_string()))?,
-        Some(path) => write_whole(path, play).map_err(|error| bad_trace(path, &error.to_string()))?,
-    }
-    Ok(returns)
-}
-
-/// Says what would be noticed only after the episodes, or would destroy the checkpoint.
-pub(super) fn check_output(output: &Path, checkpoint: Option<&Path>) -> Result<(), String> {
-    // What is wrong with the checkpoint is said when it is read.
-    let checkpoint = checkpoint.and_then(|path| checkpoint_of(path).ok());
-    let is_checkpoint = || Some(output.canonicalize().ok()? == checkpoint?.canonicalize().ok()?);
-    if output.is_dir() {
-        Err("it is a folder; give a file".into())
-    } else if is_checkpoint() == Some(true) {
-        Err("it is the checkpoint; choose another file".into())
-    } else {
-        Ok(())
-    }
-}
-
-fn bad_trace(path: &Path, problem: &str) -> Failure {
-    Failure::BadInput(format!("cannot write --trace {}: {problem}", path.display()))
+    let is_read = match trace {
+        None => play(&mut io::sink()).map(|()| true).map_err(|error| Failure::Failed(error.to_string()))?,
+        Some(trace) => trace.write(play)?,
+    };
+    Ok(is_read.then_some(returns))
 }
 
 fn trace_episode(policy: &mut impl Policy, episode: u64, seed: u64, file: &mut dyn Write) -> io::Result<f64> {
@@ -181,9 +253,10 @@ fn trace_episode(policy: &mut impl Policy, episode: u64, seed: u64, file: &mut d
     })
 }
 
-fn report<'a>(score: &Score, returns: &'a [f64], seed: u64) -> Report<'a> {
+fn report<'a>(policy: &'a Played, score: &Score, returns: &'a [f64], seed: u64) -> Report<'a> {
     let Score { episodes, mean, std, min, median, max } = *score;
-    Report { episodes, seed, mean, std, min, median, max, solved: score.solves(Task::SOLVED_RETURN), returns }
+    let solved = score.solves(Task::SOLVED_RETURN);
+    Report { policy, episodes, seed, mean, std, min, median, max, solved, returns }
 }
 
 fn describe(score: &Score, returns: &[f64], arguments: &Arguments) -> String {
@@ -194,7 +267,7 @@ fn describe(score: &Score, returns: &[f64], arguments: &Arguments) -> String {
     let solved = match (score.solves(Task::SOLVED_RETURN), *episodes >= 100) {
         (true, _) => "yes",
         (false, true) => "no",
-        (false, false) => "open: it takes at least 100 episodes",
+        (false, false) => "open",
     };
     format!(
         "\
@@ -203,7 +276,7 @@ std            {std:.2}
 min/median/max {min} / {median} / {max}
 at {:<11} {full:.0} % of episodes
 episodes       {episodes}, Gymnasium's seeds {} to {}
-solved         {solved} (CartPole-v1: mean ≥ {} over at least 100 episodes)
+solved         {solved} (a mean ≥ {} over at least 100 episodes)
 ",
         Task::MAX_RETURN,
         arguments.seed,

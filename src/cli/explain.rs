@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use clap::Args;
 use nalgebra::DMatrix;
 
+use super::output::Output;
 use super::train::Layers;
 use super::{Failure, print};
+use crate::check::START;
 use crate::explain::{Lesson, NoLesson, lesson};
 use crate::nn::{Activations, Loss, Mlp};
 
@@ -30,7 +32,7 @@ pub(super) struct Arguments {
     /// Show every transition of the minibatch
     #[arg(long)]
     all: bool,
-    /// Also write the update to a file that `check` reads, as could your own program
+    /// Also write the update to a file that `check` reads, as could your own program; `-`: to standard output alone
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -46,11 +48,18 @@ impl From<NoLesson> for Failure {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let config = arguments.layers.resolve()?;
+    let is_own = |start: &[u8]| start.get(8..).is_some_and(|start| start.starts_with(START));
+    let output = |path| Output { option: "--out", path, what: "an update", is_own };
+    let output = arguments.out.as_deref().map(output);
+    output.as_ref().map_or(Ok(()), Output::check)?;
     let lesson = lesson(&config, arguments.update)?;
-    print(&describe(&lesson, arguments))?;
-    if let Some(path) = &arguments.out {
-        let written = lesson.tensors().write(path, &lesson.settings());
-        written.map_err(|error| Failure::Failed(format!("cannot write {}: {error}", path.display())))?;
+    if !output.as_ref().is_some_and(Output::is_standard) {
+        print(&describe(&lesson, arguments))?;
+    }
+    if let Some(output) = output {
+        let bytes = lesson.tensors().to_bytes(&lesson.settings());
+        let bytes = bytes.map_err(|error| Failure::Failed(error.to_string()))?;
+        output.write(|file| file.write_all(&bytes))?;
     }
     Ok(())
 }

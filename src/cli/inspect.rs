@@ -1,63 +1,105 @@
 //! `cartpole-dqn inspect`
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::Path;
 
 use clap::Args;
 
-use super::run_dir::checkpoint_of;
+use super::policy::{Found, Place};
+use super::run_dir::final_evaluation;
 use super::{Failure, print};
-use crate::checkpoint::{Checkpoint, CheckpointError, Problem};
+use crate::checkpoint::{Checkpoint, CheckpointError, Problem, weights_sha256};
 use crate::env::{CartPole, Environment, TimeLimit};
+use crate::nn::Mlp;
+use crate::text::{shown, visible};
 use crate::trainer::Header;
 
-/// Print what is in a checkpoint.
+/// Print what is in a checkpoint: of which step it is, how it was evaluated, its policy and the hash of its weights.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: cartpole-dqn inspect --checkpoint runs/my-run/checkpoints/last.safetensors")]
+#[command(after_help = "Example: cartpole-dqn inspect runs/my-run/checkpoints/last.safetensors")]
 pub(super) struct Arguments {
-    /// A checkpoint, or a run's folder (its best, else its last)
-    #[arg(long, value_name = "FILE")]
-    checkpoint: PathBuf,
+    #[command(flatten)]
+    place: Place,
+    /// Print every tensor and the run's config too
+    #[arg(long)]
+    all: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let path = checkpoint_of(&arguments.checkpoint)?;
-    let checkpoint = Checkpoint::read(&path)?;
-    let text = describe(&checkpoint).map_err(|problem| CheckpointError { path: path.clone(), problem })?;
-    print(&format!("file       {}\n{text}", path.display()))
+    let found = arguments.place.find(false)?;
+    let mut text = describe(&found.checkpoint, arguments.all)
+        .map_err(|problem| CheckpointError { path: found.file.clone(), problem })?;
+    if let Some(last) = not_shown(&found) {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "not shown   {}", shown(&last));
+    }
+    print(&format!("file        {}\n{text}", shown(&found.file)))
 }
 
-fn describe(checkpoint: &Checkpoint) -> Result<String, Problem> {
+/// The last checkpoint of a run of which the best is described.
+fn not_shown(found: &Found) -> Option<std::path::PathBuf> {
+    let (_, last) = final_evaluation(&found.place)?;
+    let is_other = |path: &Path| path.is_file() && path != found.file;
+    is_other(&last).then_some(last)
+}
+
+fn describe(checkpoint: &Checkpoint, all: bool) -> Result<String, Problem> {
+    type Task = TimeLimit<CartPole>;
+    let header = match checkpoint.header::<Header>() {
+        Err(Problem::NoHeader) => None,
+        header => Some(header?),
+    };
     let mut text = String::new();
     // Writing to a string cannot fail.
-    let _ = match checkpoint.header::<Header>() {
-        Err(Problem::NoHeader) => writeln!(text, "written by another program"),
-        Err(problem) => return Err(problem),
-        Ok(header) => describe_header(&mut text, &header, checkpoint.version()?),
+    let _ = match &header {
+        None => writeln!(text, "format      written by another program"),
+        Some(header) => describe_header(&mut text, header, checkpoint.version()?),
     };
-    type Task = TimeLimit<CartPole>;
     let _ = match checkpoint.policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS) {
-        Ok(policy) => writeln!(
-            text,
-            "policy     layers {:?}, weights sha256 {}",
-            policy.sizes(),
-            crate::checkpoint::weights_sha256(&policy)
-        ),
-        Err(problem) => writeln!(text, "policy     none that eval can play: {problem}"),
+        Ok(policy) => describe_policy(&mut text, checkpoint, &policy),
+        Err(problem) => {
+            writeln!(text, "policy      none that eval can play: {}", visible(&problem.to_string()))
+        }
     };
+    if !all {
+        let count = checkpoint.tensors().count();
+        let config = if header.is_some() { " and the run's config" } else { "" };
+        let _ = writeln!(text, "tensors     {count}; --all prints them{config}");
+        return Ok(text);
+    }
     for (name, dtype, shape) in checkpoint.tensors() {
-        let _ = writeln!(text, "tensor     {name} {dtype:?} {shape:?}");
+        let _ = writeln!(text, "tensor      {} {dtype:?} {shape:?}", visible(name));
+    }
+    if let Some(header) = &header {
+        let config = serde_json::to_string_pretty(&header.config).unwrap_or_default();
+        let _ = writeln!(text, "config      {}", config.replace('\n', "\n            "));
     }
     Ok(text)
 }
 
 fn describe_header(text: &mut String, header: &Header, version: Option<u32>) -> std::fmt::Result {
-    let state = if header.state.is_some() { "policy and state of the run" } else { "policy" };
-    writeln!(text, "format     cartpole-dqn version {}: {state}", version.unwrap_or_default())?;
-    writeln!(text, "env_steps  {}", header.env_steps)?;
-    if let Some(evaluation) = header.evaluation {
-        writeln!(text, "evaluation mean return {:.2} at step {}", evaluation.mean, evaluation.env_steps)?;
+    let what = match header.state {
+        Some(_) => "policy and state of the run, its last",
+        None => "policy of the run, its best",
+    };
+    writeln!(text, "format      cartpole-dqn version {}: {what}", version.unwrap_or_default())?;
+    writeln!(text, "step        {} of the run (seed {})", header.env_steps, header.config.seed)?;
+    match header.evaluation {
+        Some(evaluation) => {
+            writeln!(text, "evaluation  mean return {:.2} at step {}", evaluation.mean, evaluation.env_steps)
+        }
+        None => writeln!(text, "evaluation  none yet"),
     }
-    let config = serde_json::to_string_pretty(&header.config).map_err(|_| std::fmt::Error)?;
-    writeln!(text, "config     {}", config.replace('\n', "\n           "))
+}
+
+fn describe_policy(text: &mut String, checkpoint: &Checkpoint, policy: &Mlp<f32>) -> std::fmt::Result {
+    writeln!(text, "policy      layers {:?}", policy.sizes())?;
+    writeln!(text, "weights     sha256 of the policy, which eval plays:")?;
+    writeln!(text, "            {}", weights_sha256(policy))?;
+    let mut online = Mlp::zeros(policy.sizes().to_vec());
+    if checkpoint.get_network("online.", &mut online).is_ok() {
+        writeln!(text, "            sha256 of the online network, which train prints (weights_sha256):")?;
+        writeln!(text, "            {}", weights_sha256(&online))?;
+    }
+    Ok(())
 }

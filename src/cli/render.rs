@@ -1,57 +1,94 @@
 //! `cartpole-dqn render`
 
-use std::path::PathBuf;
+use std::io::{self, IsTerminal};
+use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
-use super::eval::{check_output, load_policy};
-use super::{Failure, print};
+use super::output::Output;
+use super::policy::{Place, STANDARD};
+use super::{Failure, note, print};
 use crate::agent::Greedy;
 use crate::env::CartPole;
-use crate::files::write_whole;
-use crate::render::{svg, write_gif};
+use crate::render::{is_gif, is_svg, svg, write_gif};
+use crate::text::shown;
 use crate::trainer::play;
 
 /// Draw an episode of a trained policy as an animated picture.
 ///
-/// 600 × 400 pixels and 50 frames a second, in the look of Gymnasium's renderer. The same checkpoint and seed give the
-/// same bytes.
+/// The picture has 600 × 400 pixels and 50 frames a second, and looks as Gymnasium's renderer draws it. The same checkpoint
+/// and seed give the same bytes.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: cartpole-dqn render --checkpoint runs/my-run -o episode.gif")]
+#[command(after_help = "Example: cartpole-dqn render runs/my-run -o episode.gif")]
 pub(super) struct Arguments {
-    /// A checkpoint, a safetensors file of a torch.nn.Sequential, or a run's folder (its best, else its last)
-    #[arg(long, value_name = "FILE")]
-    checkpoint: PathBuf,
-    /// The picture: .gif, or .svg, which is smaller and plays in browsers
+    #[command(flatten)]
+    place: Place,
+    /// File to write: .gif, or .svg, which is smaller and plays in browsers; "-" is standard output
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
+    /// Format of the picture [default: from the name of the file; gif on standard output]
+    #[arg(long, value_name = "FORMAT")]
+    format: Option<Format>,
     /// Gymnasium seed of the episode
     #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
         allow_negative_numbers = true)]
     seed: u64,
-    /// Draw no more than the first N steps of the episode
+    /// Draw only the first N steps of the episode
     #[arg(long, value_name = "N", default_value_t = 500, allow_negative_numbers = true,
-        value_parser = clap::value_parser!(u64).range(1..=500))]
+        value_parser = super::integer::<1, 500>)]
     steps: u64,
+    /// Print nothing
+    #[arg(long)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Format {
+    Gif,
+    Svg,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { checkpoint, output, seed, steps } = arguments;
-    let bad = |problem: &str| Failure::BadInput(format!("cannot write {}: {problem}", output.display()));
-    let extension = output.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    let is_gif = match extension.as_deref() {
-        Some("gif") => true,
-        Some("svg") => false,
-        _ => return Err(bad("its name must end in .gif or .svg")),
+    let Arguments { place, output: path, seed, steps, quiet, .. } = arguments;
+    let format = format(arguments)?;
+    let (what, is_own): (_, fn(&[u8]) -> bool) = match format {
+        Format::Gif => ("a GIF of `render`", is_gif),
+        Format::Svg => ("an SVG of `render`", is_svg),
     };
-    check_output(output, Some(checkpoint)).map_err(|problem| bad(&problem))?;
-    let states = states(Greedy::new(load_policy(checkpoint)?, 1), *seed, *steps);
-    let written = write_whole(output, |file| match is_gif {
-        true => write_gif(file, &states),
-        false => file.write_all(svg(&states).as_bytes()),
-    });
-    written.map_err(|error| bad(&error.to_string()))?;
-    print(&format!("{}: {} steps from Gymnasium's seed {seed}\n", output.display(), states.len() - 1))
+    let output = Output { option: "--output", path, what, is_own };
+    if output.is_standard() && matches!(format, Format::Gif) && io::stdout().is_terminal() {
+        return Err(Failure::BadInput("a terminal cannot show a GIF; give a file: -o episode.gif".into()));
+    }
+    output.check()?;
+    let policy = place.find(*quiet)?.policy()?;
+    let states = states(policy.greedy(1), *seed, *steps);
+    let is_read = output.write(|file| match format {
+        Format::Gif => write_gif(file, &states),
+        Format::Svg => file.write_all(svg(&states).as_bytes()),
+    })?;
+    let said = format!("{}: {} steps from Gymnasium's seed {seed}", shown(path), states.len() - 1);
+    match (quiet, output.is_standard()) {
+        (true, _) => {}
+        (false, true) if is_read => note(&said),
+        (false, true) => {}
+        (false, false) => print(&(said + "\n"))?,
+    }
+    Ok(())
+}
+
+fn format(arguments: &Arguments) -> Result<Format, Failure> {
+    let path = &arguments.output;
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    match (arguments.format, extension.as_deref()) {
+        (Some(format), _) => Ok(format),
+        (None, Some("gif")) => Ok(Format::Gif),
+        (None, Some("svg")) => Ok(Format::Svg),
+        (None, _) if path == Path::new(STANDARD) => Ok(Format::Gif),
+        (None, _) => Err(Failure::BadInput(format!(
+            "cannot write --output {}: its name must end in .gif or .svg, or --format must say what it is",
+            shown(path)
+        ))),
+    }
 }
 
 /// The states of an episode: the first, and what the policy sees after each of at most `steps` steps.

@@ -5,27 +5,29 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::run_dir::cannot_write;
 use super::{Failure, print, print_json};
-use crate::files::{write_json, write_whole};
+use crate::files::{begins_with, write_json, write_whole};
 use crate::report::{self, REPORT, Report, ReportError};
+use crate::text::{shown, wrapped};
 
-/// Say what a study or a run amounts to.
+/// Summarise a study or a run: what happened, and how good the result is.
 ///
-/// Prints a table and writes report.json, evaluations.csv and plots (SVG); with --html one page with everything instead.
+/// Prints tables and writes report.json, evaluations.csv and plots (SVG); with --html one page with everything instead.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn report studies/gamma
          cartpole-dqn report runs/one runs/other --html runs.html")]
 pub(super) struct Arguments {
-    /// Folder of a study or of a run; with --html several runs are compared
+    /// Directory of a study or of a run; with --html several runs are compared
     #[arg(value_name = "DIR", required = true)]
     folders: Vec<PathBuf>,
-    /// Write one HTML file that needs no other and no network, and nothing else
+    /// Write one HTML file instead, which needs no other file and no network; - is standard output
     #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "json"])]
     html: Option<PathBuf>,
-    /// Folder for the files [default: DIR itself]
+    /// Directory for the files [default: DIR itself]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Print report.json, alone on standard output
+    /// Print report.json, and nothing else, on standard output
     #[arg(long)]
     json: bool,
 }
@@ -41,43 +43,49 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return write_page(file, &arguments.folders);
     }
     let [folder] = &arguments.folders[..] else {
-        return Err(Failure::BadInput("several folders need --html FILE; without it give one".into()));
+        return Err(Failure::BadInput("several directories need --html FILE; without it give one".into()));
     };
     let report = Report::of(folder)?;
     let out = arguments.out.as_ref().unwrap_or(folder);
-    fs::create_dir_all(out)
-        .map_err(|error| Failure::BadInput(format!("folder {} cannot be made: {error}", out.display())))?;
-    let json = out.join(REPORT);
-    let mut written = vec![(json.clone(), write_json(&json, &report.json))];
-    for (name, content) in &report.files {
-        let path = out.join(name);
-        let result = write_whole(&path, |file| file.write_all(content.as_bytes()));
-        written.push((path, result));
-    }
     // The report is also printed when it cannot be saved.
     if arguments.json {
         print_json(&report.json)?;
     } else {
-        let names: Vec<String> = written.iter().map(|(path, _)| path.display().to_string()).collect();
-        print(&format!("{}\nwritten: {}\n", report.text, names.join(", ")))?;
+        print(&report.text)?;
     }
-    for (path, result) in written {
-        result.map_err(|error| Failure::Failed(format!("cannot write {}: {error}", path.display())))?;
+    fs::create_dir_all(out).map_err(|error| cannot_write(out, &error, "; choose another --out"))?;
+    let json = out.join(REPORT);
+    write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, ""))?;
+    let mut written = vec![REPORT];
+    for (name, content) in &report.files {
+        let path = out.join(name);
+        write_whole(&path, |file| file.write_all(content.as_bytes()))
+            .map_err(|error| cannot_write(&path, &error, ""))?;
+        written.push(name);
     }
-    Ok(())
+    if arguments.json {
+        return Ok(());
+    }
+    print(&format!("\n{}", wrapped(&format!("written to {}: {}", shown(out), written.join(", ")), 2)))
 }
 
 fn write_page(file: &Path, folders: &[PathBuf]) -> Result<(), Failure> {
-    let bad = |problem: &str| Failure::BadInput(format!("cannot write --html {}: {problem}", file.display()));
-    if file.is_dir() {
-        return Err(bad("it is a folder; give a file"));
+    if file == Path::new("-") {
+        return print(&report::page(folders)?);
     }
-    if file.is_file()
-        && !fs::read(file).is_ok_and(|old| old.is_empty() || old.starts_with(b"<!DOCTYPE html>"))
-    {
-        return Err(bad("the file that is there is no page; choose another"));
+    let bad = |problem: &str| Failure::BadInput(format!("cannot write --html {}: {problem}", shown(file)));
+    if file.is_dir() {
+        return Err(bad("it is a directory; give a file"));
+    }
+    if file.is_file() && !begins_with(file, b"<!DOCTYPE html>") {
+        return Err(bad("a file with other content is there; choose another name"));
+    }
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        return Err(bad(&format!("there is no directory {}", shown(folder))));
     }
     let page = report::page(folders)?;
-    write_whole(file, |file| file.write_all(page.as_bytes())).map_err(|error| bad(&error.to_string()))?;
-    print(&format!("written: {}\n", file.display()))
+    write_whole(file, |file| file.write_all(page.as_bytes()))
+        .map_err(|error| cannot_write(file, &error, ""))?;
+    print(&format!("written: {}\n", shown(file)))
 }

@@ -6,26 +6,37 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::run_dir::{RunDir, bad};
+use super::init::first_step;
+use super::run_dir::{RunDir, bad, cannot_write};
 use super::{Failure, note};
+use crate::agent::Exploration;
 use crate::checkpoint::{Checkpoint, CheckpointError, Problem};
 use crate::config::{Config, difference};
 use crate::env::{CartPole, TimeLimit};
 use crate::files::remove_unfinished;
 use crate::sink::JsonLines;
-use crate::trainer::{EndReason, TrainError, Trainer};
+use crate::trainer::{Budget, EndReason, LAST, PREVIOUS, TrainError, Trainer};
 
 pub(super) type Run = Trainer<TimeLimit<CartPole>>;
 
 /// A run that can go on, and the folder and file that it goes on in.
 pub(super) type Resumed = (RunDir, JsonLines, Run);
 
+/// What there is to do for a run that is to be resumed.
+pub(super) enum Start {
+    /// To train.
+    Run(Box<Resumed>),
+    /// Nothing: it has ended.
+    Ended(RunDir),
+}
+
 /// Takes the run in a folder back to its latest good checkpoint, with everything that it has written since then cut
-/// off; none if it has ended and goes no further. Nothing is changed on bad input.
-pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Option<Resumed>, Failure> {
+/// off. Nothing is changed on bad input.
+pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Start, Failure> {
     let (run, recorded) = RunDir::open(path)?;
     let mut metrics = run.take()?;
     let config = with_other_budget(&recorded, sets, path)?;
+    config.check_memory(1).map_err(Failure::BadInput)?;
     let (mut trainer, falls_back) = latest(&run, &recorded)?;
     let (steps, episodes) = (trainer.progress().env_steps, trainer.progress().episodes);
     if !trainer.set_budget(config.budget) {
@@ -33,44 +44,89 @@ pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Option<Resumed>, Fa
         return Err(bad(
             path,
             &format!(
-                "holds a run that is past the budget {budget} already, at step {steps} and in episode {episodes}; give \
-             a larger one"
+                "holds a run that is already past the budget {budget}: it is at step {steps} and in episode {episodes}; give \
+             it a larger budget"
             ),
         ));
     }
+    let branches = trainer.set_schedules(&config);
     if let (Some(reason), true) = (trainer.end_reason(), run.summary().is_file()) {
+        if branches {
+            let larger = format!("--set budget.steps={}", steps.saturating_mul(2));
+            return Err(bad(
+                path,
+                &format!(
+                    "holds a run that has ended; give it a larger budget with the schedule, such as {larger}"
+                ),
+            ));
+        }
         note(&match reason {
-            EndReason::Solved => format!("the run has solved its task after {steps} steps and ended there"),
+            EndReason::Solved => format!(
+                "the run solved its task after {steps} steps and ended there; there is nothing to resume"
+            ),
             _ => format!(
-                "the run has ended after {steps} steps and {episodes} episodes; to go on, give it a larger budget, \
+                "the run has ended after {steps} steps and {episodes} episodes; to extend it, give it a larger budget, \
                  for example --set budget.steps={}",
                 steps.saturating_mul(2)
             ),
         });
-        return Ok(None);
+        return Ok(Start::Ended(run));
     }
     let events = trainer.progress().events;
-    let unwritable =
-        |error: io::Error| Failure::Failed(format!("cannot write to {}: {error}", path.display()));
+    let unwritable = |error: io::Error| cannot_write(path, &error, "");
     if !metrics.cut(events).map_err(unwritable)? {
         return Err(bad(
             path,
             &format!(
-                "has a metrics.jsonl with fewer than the {events} lines that the run had written at its checkpoint; put \
-             them back, or train again"
+                "has a metrics.jsonl with fewer lines than the {events} that the run had written before its checkpoint; \
+             restore the file, or train again"
             ),
         ));
     }
     take_back(&run, &trainer, falls_back).map_err(unwritable)?;
-    if config.budget != recorded.budget {
+    if config != recorded {
         crate::files::write_json(&run.config(), &config).map_err(unwritable)?;
     }
     rewrite(&run, &trainer).map_err(unwritable)?;
     trainer.save_best(&run.checkpoints()).map_err(|error: TrainError| Failure::Failed(error.to_string()))?;
-    Ok(Some((run, metrics, trainer)))
+    if branches {
+        note(&format!(
+            "from step {steps} on the run follows another schedule. It is now a branch of its own: no single config \
+             repeats it, so `verify` refuses it"
+        ));
+    }
+    schedules_that_have_ended(&config, steps).iter().for_each(|text| note(text));
+    Ok(Start::Run(Box::new((run, metrics, trainer))))
 }
 
-/// The run's config with what `--set` changes, which may be the budget alone.
+/// What the user should know of schedules that end, or have ended, before the run does.
+fn schedules_that_have_ended(config: &Config, env_steps: u64) -> Vec<String> {
+    let end = if let Budget::Steps(steps) = config.budget { steps } else { env_steps };
+    let mut notes = Vec::new();
+    if let Some(schedule) = config.optimizer.schedule
+        && (schedule.steps <= env_steps || schedule.steps < end)
+    {
+        let rate = schedule.final_learning_rate;
+        let effect = if rate > 0.0 { "" } else { ", with which the network learns nothing" };
+        notes.push(format!(
+            "the schedule of the learning rate ends at step {}: from there on the rate is {rate}{effect}. To stretch it, \
+             add --set optimizer.schedule.steps={end}; --set optimizer.schedule=null keeps the rate at {}",
+            schedule.steps,
+            config.optimizer.learning_rate
+        ));
+    }
+    if let Exploration::Linear { final_, steps, .. } = config.exploration
+        && steps <= env_steps
+    {
+        notes.push(format!(
+            "the schedule of epsilon ended at step {steps}: from there on epsilon is {final_}. To stretch it, add \
+             --set exploration.steps={end}"
+        ));
+    }
+    notes
+}
+
+/// The run's config with what `--set` changes, which may be the budget and the schedules alone.
 fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<Config, Failure> {
     let config = Config::from_layers(Some(("the run's config", &json!(recorded).to_string())), sets)?;
     match other_run(recorded, &config) {
@@ -78,24 +134,32 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
         Some(difference) => Err(bad(
             path,
             &format!(
-                "holds another run: {difference}. A run that goes on can change its budget and nothing else; without \
-             --resume that is a run of its own"
+                "holds a run with other settings: {difference}. A resumed run can change only its budget and its schedules \
+                 (optimizer.schedule, optimizer.learning_rate, a linear exploration); to train with other settings, \
+                 start a new run without --resume"
             ),
         )),
     }
 }
 
-/// What makes two configs different runs.
+/// What makes two configs different runs: not the budget, and not the schedules, which a resumed run may change.
 fn other_run(recorded: &Config, given: &Config) -> Option<String> {
-    let without_budget = |config: &Config| {
+    let are_linear = [recorded, given].map(|config| matches!(config.exploration, Exploration::Linear { .. }));
+    let comparable = |config: &Config| {
         let mut value = json!(config);
         value["budget"] = Value::Null;
+        value["optimizer"]["schedule"] = Value::Null;
+        value["optimizer"]["learning_rate"] = Value::Null;
+        if are_linear == [true; 2] {
+            value["exploration"] = Value::Null;
+        }
         value
     };
-    difference("", &without_budget(recorded), &without_budget(given))
+    difference("", &comparable(recorded), &comparable(given))
 }
 
-/// The run at its latest good checkpoint, and whether that is the previous one; at its start if there is none yet.
+/// The run at its latest good checkpoint, and whether that is the previous one; at its start if it was killed before
+/// there was one.
 fn latest(run: &RunDir, config: &Config) -> Result<(Run, bool), Failure> {
     let last = match load(&run.last(), config) {
         Ok(trainer) => return Ok((trainer, false)),
@@ -105,15 +169,33 @@ fn latest(run: &RunDir, config: &Config) -> Result<(Run, bool), Failure> {
         _ if !can_be_replaced(&last.problem) => Err(last.into()),
         Ok(trainer) => {
             let steps = trainer.progress().env_steps;
-            note(&format!("{last}; goes on from {} at step {steps}", run.previous().display()));
+            note(&format!("{last}; resuming from {} at step {steps} instead", run.previous().display()));
             Ok((trainer, true))
         }
         Err(previous) if is_missing(&last.problem) && is_missing(&previous.problem) => {
-            note("the run has no checkpoint yet; starts again at step 0");
-            Ok((Trainer::new(config.clone(), CartPole::v1()), false))
+            let has_metrics = run.metrics().metadata().is_ok_and(|file| file.len() > 0);
+            let found = [
+                ("metrics", has_metrics),
+                ("best", run.best().exists()),
+                ("summary", run.summary().exists()),
+            ];
+            if let Some((found, _)) = found.iter().find(|(_, is_there)| *is_there) {
+                return Err(bad(
+                    run.path(),
+                    &format!(
+                        "cannot be resumed: its checkpoints {LAST} and {PREVIOUS} are missing, though the run has begun \
+                         ({found} found). Put one of them back into {}, or train again: --config {} --out another \
+                         directory",
+                        run.checkpoints().display(),
+                        run.config().display()
+                    ),
+                ));
+            }
+            note("the run has no checkpoint yet, so it starts again at step 0");
+            Ok((first_step(run, config.clone())?.0, false))
         }
         Err(previous) => Err(Failure::BadInput(format!(
-            "{last}; {previous}; train again: --config {} --out another folder",
+            "{last}; {previous}; train again with --config {} and another --out",
             run.config().display()
         ))),
     }
@@ -136,11 +218,16 @@ fn is_missing(problem: &Problem) -> bool {
     matches!(problem, Problem::Unreadable(error) if error.kind() == io::ErrorKind::NotFound)
 }
 
-/// Whether the previous checkpoint can stand in: not where somebody can still get at the last one.
+/// Whether the previous checkpoint may be used instead. Not if the last one is intact and only cannot be read by this
+/// program now: the user can fix that.
 fn can_be_replaced(problem: &Problem) -> bool {
     let readable = matches!(
         problem,
-        Problem::Unreadable(_) | Problem::WrongVersion(_) | Problem::NoPlace | Problem::OtherRun(_)
+        Problem::Unreadable(_)
+            | Problem::Memory(_)
+            | Problem::WrongVersion(_)
+            | Problem::NoPlace
+            | Problem::OtherRun(_)
     );
     !readable || is_missing(problem)
 }
@@ -170,6 +257,7 @@ fn rewrite(run: &RunDir, trainer: &Run) -> io::Result<()> {
             && checkpoint.config() != trainer.config()
             && checkpoint.set_budget(trainer.config().budget)
         {
+            checkpoint.set_schedules(trainer.config());
             checkpoint.checkpoint()?.write(&path)?;
         }
     }

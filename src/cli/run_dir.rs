@@ -5,17 +5,24 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
+use crate::checkpoint::Checkpoint;
 use crate::config::{Config, MAX_BYTES};
-use crate::files::{is_unfinished, open_ordinary, read_text_limited, write_json};
+use crate::files::{
+    create_folders, is_unfinished, open_ordinary, read_text_limited, remove_abandoned, remove_empty,
+    write_json,
+};
 use crate::report;
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
-use crate::trainer::{BEST, LAST, PREVIOUS};
+use crate::study::MANIFEST;
+use crate::trainer::{BEST, Evaluation, LAST, PREVIOUS, Summary};
 
 const CONFIG: &str = "config.json";
 const METRICS: &str = "metrics.jsonl";
 const SUMMARY: &str = "summary.json";
 const CHECKPOINTS: &str = "checkpoints";
 const TENSORBOARD: &str = "tensorboard";
+const PROGRESS: &str = "progress.csv";
+const INIT: &str = "init.safetensors";
 
 /// A run's folder and the paths in it.
 #[derive(Debug)]
@@ -24,11 +31,48 @@ pub(super) struct RunDir {
 }
 
 impl RunDir {
+    /// What `train` makes in the directory of every run.
+    pub(super) const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
+
     /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
-    /// then removed.
-    pub(super) fn create(path: &Path, force: bool, config: &Config) -> Result<(Self, JsonLines), Failure> {
+    /// then removed. Nothing is changed before the metrics are locked: another process may train in the folder.
+    /// `init` is the file of the weights that the run starts with, where they are not drawn.
+    pub(super) fn create(
+        path: &Path,
+        force: bool,
+        config: &Config,
+        init: Option<&Checkpoint>,
+    ) -> Result<(Self, JsonLines), Failure> {
         let run = Self { path: path.to_owned() };
+        run.replaced(force)?;
+        let unwritable = |error: io::Error| match error.kind() {
+            io::ErrorKind::WouldBlock => in_use(path),
+            _ => cannot_write(path, &error, "; choose another --out"),
+        };
+        let mut made = create_folders(path).map_err(unwritable)?;
+        let (mut metrics, is_new) = run.lock().map_err(|error| {
+            remove_empty(&made);
+            unwritable(error)
+        })?;
+        // Another process may have made, changed or removed a run before this one had the lock.
+        let filled = run.replaced(force).and_then(|replaced| {
+            made.splice(0..0, create_folders(&run.checkpoints()).map_err(unwritable)?);
+            run.fill(&mut metrics, replaced, config, init).map_err(unwritable)
+        });
+        filled.inspect_err(|_| {
+            if is_new {
+                let _ = fs::remove_file(run.metrics());
+                let _ = fs::remove_file(run.init());
+            }
+            remove_empty(&made);
+        })?;
+        Ok((run, metrics))
+    }
+
+    /// The files of the run in the folder that a new one replaces; none where the folder is free or missing.
+    fn replaced(&self, force: bool) -> Result<Vec<PathBuf>, Failure> {
+        let path = &self.path;
         let entries = match fs::read_dir(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(_) if path.exists() && !path.is_dir() => {
@@ -38,46 +82,63 @@ impl RunDir {
                 bad(path, &format!("cannot be used for a run: {error}; choose another --out"))
             })?,
         };
-        let is_free = entries.iter().all(|entry| run.is_of_no_run(entry));
-        if !is_free && !force {
-            return Err(bad(
-                path,
-                "is not empty; choose another --out, --force to replace the run in it, or go on with that run: \
-                 train --resume",
-            ));
+        if entries.iter().all(|entry| self.is_of_no_run(entry)) {
+            return Ok(Vec::new());
         }
-        let replaced =
-            if is_free { Vec::new() } else { run.replaceable().map_err(|reason| bad(path, &reason))? };
-        let missing: Vec<&Path> =
-            path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
-        let metrics = run.fill(is_free, replaced, config).map_err(|error| {
-            // What this call has made goes again; what was there is not empty and stays.
-            let _ = fs::remove_dir(run.checkpoints());
-            missing.iter().for_each(|path| drop(fs::remove_dir(path)));
-            match error.kind() {
-                io::ErrorKind::WouldBlock => in_use(path),
-                _ => bad(path, &format!("cannot be written: {error}; choose another --out")),
+        match self.replaceable() {
+            Ok(files) if force => Ok(files),
+            Ok(_) => Err(bad(
+                path,
+                "is not empty: it holds a run; choose another --out, --force to replace that run, or resume it: train \
+                 --resume",
+            )),
+            Err(reason) if force => Err(bad(path, &reason)),
+            Err(_) => Err(bad(
+                path,
+                "is not empty, and holds no run that --force could replace; choose another --out",
+            )),
+        }
+    }
+
+    /// Locks the metrics, which are made where there are none, and whether they were made.
+    fn lock(&self) -> io::Result<(JsonLines, bool)> {
+        loop {
+            match JsonLines::open(&self.metrics()) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                opened => return Ok((opened?, false)),
             }
-        })?;
-        Ok((run, metrics))
+            match JsonLines::create(&self.metrics()) {
+                // Another process was faster.
+                Err(error)
+                    if error.kind() == io::ErrorKind::AlreadyExists && is_ordinary(&self.metrics()) => {}
+                made => return Ok((made?, true)),
+            }
+        }
     }
 
     /// The folder of a run that is there, and the config in it.
     pub(super) fn open(path: &Path) -> Result<(Self, Config), Failure> {
         let run = Self { path: path.to_owned() };
         let config = run.read_config()?;
-        let files = [run.config(), run.metrics(), run.summary(), run.best(), run.last(), run.previous()];
+        let mut files = vec![run.config(), run.metrics(), run.summary(), run.progress()];
+        files.extend([run.best(), run.last(), run.previous(), run.init()]);
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
             Ok(found) if **path == run.checkpoints() => !found.is_dir(),
             Ok(found) => !found.is_file(),
             Err(_) => false,
         };
         if let Some(foreign) = files.iter().chain([&run.checkpoints()]).find(is_foreign) {
-            let problem = format!("holds {}, which is a link or not what its name says", foreign.display());
+            let problem = format!(
+                "holds {}, which is a link or not the kind of file that its name promises",
+                foreign.display()
+            );
             return Err(bad(path, &problem));
         }
         if !run.metrics().exists() {
-            return Err(bad(path, &format!("has no {METRICS}: its run is lost; train again")));
+            return Err(bad(
+                path,
+                &format!("has no {METRICS}, so its run cannot be resumed; train again with another --out"),
+            ));
         }
         Ok((run, config))
     }
@@ -86,7 +147,7 @@ impl RunDir {
     pub(super) fn take(&self) -> Result<JsonLines, Failure> {
         JsonLines::open(&self.metrics()).map_err(|error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(&self.path),
-            _ => bad(&self.path, &format!("cannot be written: {METRICS}: {error}")),
+            _ => cannot_write(&self.metrics(), &error, ""),
         })
     }
 
@@ -103,37 +164,47 @@ impl RunDir {
     /// The config of the run in the folder.
     pub(super) fn read_config(&self) -> Result<Config, Failure> {
         if !self.path.is_dir() {
-            return Err(bad(&self.path, "is no folder; give the folder of a run, such as runs/my-run"));
+            return Err(bad(
+                &self.path,
+                "is not a directory; give the directory of a run, such as runs/my-run",
+            ));
         }
         let path = self.config();
         let text = read_text_limited(&path, MAX_BYTES)
-            .map_err(|error| bad(&self.path, &format!("is no run: {CONFIG}: {error}")))?;
+            .map_err(|error| bad(&self.path, &format!("does not hold a run: {CONFIG}: {error}")))?;
         let config = Config::from_layers(Some((&path.display().to_string(), &text)), &[]);
         config.map_err(|error| Failure::BadInput(error.to_string()))
     }
 
-    fn fill(&self, is_free: bool, replaced: Vec<PathBuf>, config: &Config) -> io::Result<JsonLines> {
-        fs::create_dir_all(self.checkpoints())?;
-        let mut metrics = JsonLines::open(&self.metrics())?;
-        if is_free && self.config().exists() {
-            // Another process has just made a run here.
-            return Err(io::ErrorKind::WouldBlock.into());
+    fn fill(
+        &self,
+        metrics: &mut JsonLines,
+        replaced: Vec<PathBuf>,
+        config: &Config,
+        init: Option<&Checkpoint>,
+    ) -> io::Result<()> {
+        if !replaced.is_empty() {
+            // Before the first file is gone: the checkpoints may be writable where the run's folder is not.
+            tempfile::tempfile_in(&self.path)?;
         }
         // The old config stays until the new one takes its place: a run that is half replaced can still be replaced.
-        replaced.iter().try_for_each(fs::remove_file)?;
+        for path in replaced {
+            match path.file_name() {
+                Some(name) if is_unfinished(name) => remove_abandoned(&path)?,
+                _ => fs::remove_file(path)?,
+            }
+        }
         // The new run may have none; where it stays it is empty.
         let _ = fs::remove_dir(self.tensorboard());
         metrics.cut(0)?;
-        write_json(&self.config(), config).inspect_err(|_| {
-            if is_free {
-                drop(fs::remove_file(self.metrics()))
-            }
-        })?;
-        Ok(metrics)
+        // Before the config, which makes it a run: no run may lack the weights that it starts with.
+        if let Some(init) = init {
+            init.write(&self.init())?;
+        }
+        write_json(&self.config(), config)
     }
 
-    /// Whether an entry of the folder is nothing that anybody would miss: a process that was killed before there was a
-    /// run has left it.
+    /// Whether an entry is a harmless leftover of a process that was killed before it created a run.
     fn is_of_no_run(&self, entry: &DirEntry) -> bool {
         let path = entry.path();
         let is_empty_folder = || fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_none());
@@ -148,16 +219,15 @@ impl RunDir {
     /// others.
     fn replaceable(&self) -> Result<Vec<PathBuf>, String> {
         let unreadable = |error: io::Error| format!("cannot be read: {error}");
-        tempfile::tempfile_in(&self.path).map_err(|error| format!("cannot be written: {error}"))?;
         // More than `read_config` asks for: every key.
         let config = read_text_limited(&self.config(), MAX_BYTES).ok();
         if config.is_none_or(|text| serde_json::from_str::<Config>(&text).is_err()) {
             return Err(format!(
-                "is not a run (it has no {CONFIG} of one); --force replaces a run and nothing else"
+                "does not hold a run (it has no {CONFIG} of a run), and --force replaces only runs; choose another --out"
             ));
         }
         let stay = [self.config(), self.metrics()];
-        let go = [self.summary(), self.best(), self.last(), self.previous()];
+        let go = [self.summary(), self.progress(), self.best(), self.last(), self.previous(), self.init()];
         let mut entries = Vec::new();
         let mut files = Vec::new();
         for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
@@ -175,7 +245,7 @@ impl RunDir {
             let is_own = go.contains(&path) || self.is_events(&path) || report::is_part(&name);
             if path.is_dir() || !(is_own || is_unfinished(&name)) {
                 return Err(format!(
-                    "holds {}, which is not of a run; --force replaces a run and nothing else",
+                    "holds {}, which does not belong to a run, and --force replaces only runs; choose another --out",
                     path.display()
                 ));
             }
@@ -187,6 +257,12 @@ impl RunDir {
     fn is_events(&self, path: &Path) -> bool {
         let has_prefix = |name: &std::ffi::OsStr| name.to_string_lossy().starts_with(TENSORBOARD_PREFIX);
         path.parent() == Some(&self.tensorboard()) && path.file_name().is_some_and(has_prefix)
+    }
+
+    /// Whether the run has event files of TensorBoard.
+    pub(super) fn has_events(&self) -> bool {
+        let entries = fs::read_dir(self.tensorboard());
+        entries.is_ok_and(|entries| entries.flatten().any(|entry| self.is_events(&entry.path())))
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -203,6 +279,13 @@ impl RunDir {
     }
     pub(super) fn checkpoints(&self) -> PathBuf {
         self.path.join(CHECKPOINTS)
+    }
+    pub(super) fn progress(&self) -> PathBuf {
+        self.path.join(PROGRESS)
+    }
+    /// The weights that the run started with, where they were not drawn.
+    pub(super) fn init(&self) -> PathBuf {
+        self.checkpoints().join(INIT)
     }
     pub(super) fn tensorboard(&self) -> PathBuf {
         self.path.join(TENSORBOARD)
@@ -229,15 +312,49 @@ pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
         return Ok(path.to_owned());
     }
     let run = RunDir { path: path.to_owned() };
-    [run.best(), run.last()].into_iter().find(|file| file.is_file()).ok_or_else(|| {
-        bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run"))
-    })
+    for file in [run.best(), run.last()] {
+        match file.metadata() {
+            Ok(found) if found.is_file() => return Ok(file),
+            Ok(_) => {}
+            Err(error) if [io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind()) => {
+            }
+            Err(error) => {
+                return Err(bad(
+                    path,
+                    &format!("cannot be searched for a policy: {}: {error}", file.display()),
+                ));
+            }
+        }
+    }
+    if path.join(MANIFEST).is_file() {
+        return Err(bad(
+            path,
+            "is a study: its trials keep scores and no policies. To get a policy, train one of its configs: \
+             cartpole-dqn train --config FILE --seed N",
+        ));
+    }
+    Err(bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run")))
+}
+
+/// The evaluation at the end of the run in a directory, as its summary has it, and the checkpoint of that policy.
+pub(super) fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
+    let run = RunDir { path: path.to_owned() };
+    let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;
+    Some((summary.final_evaluation?, run.last()))
 }
 
 pub(super) fn bad(path: &Path, problem: &str) -> Failure {
-    Failure::BadInput(format!("folder {} {problem}", path.display()))
+    Failure::BadInput(format!("directory {} {problem}", path.display()))
+}
+
+/// A file of the user's choice that cannot be written.
+pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failure {
+    Failure::unwritten(format!("cannot write {}: {error}{hint}", path.display()), error)
 }
 
 fn in_use(path: &Path) -> Failure {
-    bad(path, "is in use: another process trains in it; wait for it or choose another folder")
+    bad(
+        path,
+        "is in use by another process that trains there; wait until it ends, or choose another directory",
+    )
 }

@@ -1,63 +1,127 @@
-//! Ctrl-C and its kin: the first stops a run at its next step, the second ends the process at once.
+//! Ctrl-C and its kin: the first stops a run at its next step, the second ends the process at once. Where a view is open
+//! it is the view that ends the process, after it has given the terminal back.
 
 use std::io;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::thread;
+use std::time::Duration;
 
 use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
+use signal_hook::iterator;
+use signal_hook::low_level::exit;
 
 use super::Failure;
+use crate::files::remove_own_unfinished;
+use crate::view::Interrupts;
 
 /// 128 + SIGINT, as shells have it.
 const INTERRUPTED: u8 = 130;
 /// 128 + SIGTERM.
 const TERMINATED: u8 = 143;
 
+/// Who is told of the first signal, so that it can stop in good order; nobody in most commands.
+static LISTENER: OnceLock<Signals> = OnceLock::new();
+/// How soon a signal is noticed, and how long a step may take before that is said.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
+
 /// What signals have asked for.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Signals {
     /// Set by the first signal.
     pub(super) stop: Arc<AtomicBool>,
-    exit_code: Arc<AtomicUsize>,
+    /// The same flag and others, for a view.
+    pub(super) interrupts: Interrupts,
+    exit_code: Arc<AtomicU8>,
+}
+
+/// Takes the signals from now on. One that ends the process removes the files that it has not finished.
+///
+/// # Errors
+/// When the system refuses.
+pub(super) fn watch() -> Result<(), Failure> {
+    try_watch().map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))
+}
+
+fn try_watch() -> io::Result<()> {
+    let mut signals = vec![SIGINT, SIGTERM];
+    #[cfg(unix)]
+    if !hangup_is_ignored() {
+        signals.push(signal_hook::consts::SIGHUP);
+    }
+    let mut signals = iterator::Signals::new(signals)?;
+    let handle = move || {
+        for signal in &mut signals {
+            let exit_code = if signal == SIGINT { INTERRUPTED } else { TERMINATED };
+            match LISTENER.get() {
+                Some(listener) if !listener.interrupts.at_once.load(Ordering::Relaxed) => {
+                    listener.exit_code.store(exit_code, Ordering::Relaxed);
+                    listener.interrupts.arrived.store(true, Ordering::Relaxed);
+                    listener.stop.store(true, Ordering::Release);
+                }
+                _ => end(exit_code),
+            }
+        }
+    };
+    thread::Builder::new().name("signals".into()).spawn(handle).map(drop)
+}
+
+/// Ends the process and removes what it has not finished.
+fn end(exit_code: u8) {
+    let _no_more = remove_own_unfinished();
+    exit(exit_code.into());
 }
 
 impl Signals {
-    /// Takes the signals from now on.
-    ///
-    /// # Errors
-    /// When the system refuses.
-    pub(super) fn listen() -> Result<Self, Failure> {
-        Self::try_listen()
-            .map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))
+    /// Has the first signal set [`Self::stop`]; only the second ends the process at once.
+    pub(super) fn listen() -> Self {
+        let stop = Arc::<AtomicBool>::default();
+        let at_once = Arc::clone(&stop);
+        Self::listen_with(Interrupts { stop, at_once, ..Interrupts::default() })
     }
 
-    fn try_listen() -> io::Result<Self> {
-        let signals = Self::default();
-        for (signal, exit_code) in [(SIGINT, INTERRUPTED), (SIGTERM, TERMINATED)] {
-            signals.take(signal, exit_code)?;
-        }
-        #[cfg(unix)]
-        if !hangup_is_ignored() {
-            signals.take(signal_hook::consts::SIGHUP, TERMINATED)?;
-        }
-        Ok(signals)
+    /// As [`Self::listen`], but no signal ends the process before a view has closed.
+    pub(super) fn listen_for_view() -> Self {
+        Self::listen_with(Interrupts::default())
     }
 
-    fn take(&self, signal: i32, exit_code: u8) -> io::Result<()> {
-        // First of the three, so that the signal that sets `stop` does not end the process.
-        flag::register_conditional_shutdown(signal, exit_code.into(), Arc::clone(&self.stop))?;
-        flag::register_usize(signal, Arc::clone(&self.exit_code), exit_code.into())?;
-        flag::register(signal, Arc::clone(&self.stop))?;
-        Ok(())
+    fn listen_with(interrupts: Interrupts) -> Self {
+        let stop = Arc::clone(&interrupts.stop);
+        LISTENER.get_or_init(|| Self { stop, interrupts, exit_code: Arc::default() }).clone()
+    }
+
+    /// Says that a signal has been noticed if the step that the run is in takes so long that nobody would see it.
+    pub(super) fn tell_if_slow(&self) {
+        let stop = Arc::clone(&self.stop);
+        // The thread ends with the process. Without a thread the signal works all the same.
+        let _ = thread::Builder::new().spawn(move || {
+            while !stop.load(Ordering::Relaxed) {
+                thread::sleep(POLL_INTERVAL);
+            }
+            thread::sleep(POLL_INTERVAL);
+            super::say(
+                "\nstopping after the step that the run is in, with a checkpoint; press Ctrl-C again to end at\n\
+                 once, which loses what was trained since the last checkpoint",
+            );
+        });
     }
 
     /// The exit code of a process that a signal has stopped.
     pub(super) fn exit_code(&self) -> u8 {
-        u8::try_from(self.exit_code.load(Ordering::Relaxed))
-            .ok()
-            .filter(|&code| code > 0)
-            .unwrap_or(INTERRUPTED)
+        code(&self.exit_code)
+    }
+
+    /// Ends the process as the second signal does.
+    pub(super) fn end_process(&self) -> impl FnOnce() + Send + use<> {
+        let exit_code = Arc::clone(&self.exit_code);
+        move || end(code(&exit_code))
+    }
+}
+
+fn code(exit_code: &AtomicU8) -> u8 {
+    match exit_code.load(Ordering::Relaxed) {
+        0 => INTERRUPTED,
+        code => code,
     }
 }
 

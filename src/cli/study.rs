@@ -1,6 +1,6 @@
 //! `cartpole-dqn study`
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::num::NonZero;
 use std::ops::Range;
@@ -12,10 +12,14 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
-use super::train::{DEFAULT_CONFIG, DEFAULT_NAME};
-use super::{Failure, print};
-use crate::config::{self, Config};
+use super::run_dir::cannot_write;
+use super::signals::Signals;
+use super::train::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
+use super::{Failure, print, shell_word};
+use crate::config::Config;
+use crate::report;
 use crate::study::{NamedConfig, Study, StudyDir, StudyError, Trial};
+use crate::text::{visible, wrapped};
 
 /// Shortest time between two plain lines of progress.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
@@ -24,35 +28,36 @@ const MAX_CONFIGS: usize = 10_000;
 /// Most seeds of a study, for the same reason.
 const MAX_SEEDS: u64 = 1_000_000;
 
-/// Train every config, in every variation, with every seed.
+/// Train every combination of config, variation and seed.
 ///
-/// Each trial's result is one file, so that a study that was stopped goes on when the same command is given again, also
-/// with more seeds at the end. The results depend neither on --jobs nor on the order in which trials end.
+/// Each combination of config, variation and seed is a trial and writes one file. A study that was stopped is resumed by
+/// the same command, which may have more seeds at the end. The results do not depend on --jobs. At the end the configs
+/// are printed, the best first; the exit code is 1 if a trial failed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --vary loss=mse,huber --seeds 0..100 \
         --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
 )]
 pub(super) struct Arguments {
-    /// Config file (JSON), repeatable; without it the built-in default, configs/cartpole.json
+    /// JSON file with settings, `-` for standard input, may be repeated [default: the built-in configs/cartpole.json]
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
-    /// Values of a config key to compare: KEY=V1,V2 or, where values hold commas, KEY=[V1, V2] as JSON; repeatable
+    /// Values of a config key to compare: KEY=V1,V2, or KEY=[V1, V2] as JSON if values hold commas; may be repeated
     #[arg(long, value_name = "KEY=VALUES", value_parser = variation)]
     vary: Vec<Variation>,
-    /// Set one config key in all configs; repeatable
+    /// Set one config key in all configs; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Training seeds from A to B − 1
+    /// Train with the seeds A to B − 1
     #[arg(long, value_name = "A..B", value_parser = seeds, allow_hyphen_values = true)]
     seeds: Range<u64>,
-    /// Folder for the study
+    /// Directory for the study
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Trials at the same time [default: one per CPU]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..=4096))]
+    /// How many trials run at the same time [default: one per CPU]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::integer::<1, 4096>)]
     jobs: Option<u64>,
-    /// Show no progress and no summary
+    /// Show no progress and no result
     #[arg(long)]
     quiet: bool,
 }
@@ -67,6 +72,7 @@ struct Variation {
 impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
         match error {
+            StudyError::Unwritable { path, source } => cannot_write(&path, &source, "; choose another --out"),
             StudyError::Write { .. } => Self::Failed(error.to_string()),
             StudyError::Folder { .. } | StudyError::Trial { .. } => Self::BadInput(error.to_string()),
         }
@@ -80,7 +86,7 @@ fn seeds(text: &str) -> Result<Range<u64>, String> {
     })?;
     match range.end - range.start {
         0..=MAX_SEEDS => Ok(range),
-        seeds => Err(format!("these are {seeds} seeds; at most {MAX_SEEDS} are allowed")),
+        seeds => Err(format!("the range has {seeds} seeds; at most {MAX_SEEDS} are allowed")),
     }
 }
 
@@ -88,7 +94,7 @@ fn variation(text: &str) -> Result<Variation, String> {
     let (key, list) = text.split_once('=').ok_or("expected KEY=V1,V2 or KEY=[V1, V2]")?;
     let values: Vec<String> = if list.starts_with('[') {
         let values: Vec<Value> =
-            serde_json::from_str(list).map_err(|error| format!("no JSON list: {error}"))?;
+            serde_json::from_str(list).map_err(|error| format!("expected a JSON list: {error}"))?;
         values.iter().map(Value::to_string).collect()
     } else if list.starts_with('{') {
         return Err(format!("write objects as a JSON list: {key}=[{{…}}, {{…}}]"));
@@ -100,7 +106,7 @@ fn variation(text: &str) -> Result<Variation, String> {
     } else if values.iter().any(String::is_empty) || values.is_empty() {
         Err("a value is missing".into())
     } else if values.iter().collect::<BTreeSet<_>>().len() < values.len() {
-        Err("a value comes twice".into())
+        Err("a value is given twice; remove one".into())
     } else {
         Ok(Variation { key: key.into(), values })
     }
@@ -108,31 +114,64 @@ fn variation(text: &str) -> Result<Variation, String> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let study = Study::new(configs(arguments)?, arguments.seeds.clone());
+    let cpus = || thread::available_parallelism().map_or(1, NonZero::get);
+    let jobs = arguments.jobs.map_or_else(cpus, |jobs| jobs as usize);
+    let at_once = jobs.min(study.trials().take(jobs).count());
+    for NamedConfig { config, .. } in &study.configs {
+        config.check_memory(at_once).map_err(|error| {
+            Failure::BadInput(format!("{error} (--jobs {jobs} trains so many runs at the same time)"))
+        })?;
+    }
+    let signals = Signals::listen();
     let folder = StudyDir::open(&arguments.out, &study)?;
     let mut progress = Progress::new(study.configs.len() as u64, &study.seeds, arguments.quiet);
     for trial in folder.finished(&study) {
         progress.count(&trial?);
     }
     progress.start();
-    let cpus = || thread::available_parallelism().map_or(1, NonZero::get);
-    let jobs = arguments.jobs.map_or_else(cpus, |jobs| jobs as usize);
-    folder.run(&study, jobs, |trial| {
+    let ended = folder.run(&study, jobs, &signals.stop, |trial| {
         progress.count(trial);
         progress.show();
-    })?;
-    let counts = progress.finish();
-    if arguments.quiet {
-        return Ok(());
+    });
+    progress.bar.finish_and_clear();
+    ended?;
+    if progress.done < progress.total {
+        return Err(Failure::Interrupted(progress.interrupted(), signals.exit_code()));
     }
-    print(&format!("{counts}\nstudy      {0}\nreport     cartpole-dqn report {0}\n", arguments.out.display()))
+    let out = arguments.out.to_string_lossy();
+    let report = format!("cartpole-dqn report {}", shell_word(&out));
+    if !arguments.quiet {
+        let result = report::standing(&arguments.out)?;
+        print(&format!(
+            "{}\n{result}\nstudy      {}\nreport     {report}\n",
+            progress.result(),
+            visible(&out)
+        ))?;
+    }
+    match progress.first_error {
+        None => Ok(()),
+        Some(error) => {
+            let Progress { failed, done, .. } = progress;
+            Err(Failure::Failed(format!(
+                "{failed} of {done} trials failed, for example {error}; see: {report}"
+            )))
+        }
+    }
+}
+
+/// The command that this process was started with.
+fn own_command() -> String {
+    let words: Vec<String> =
+        std::env::args_os().map(|word| visible(&shell_word(&word.to_string_lossy()))).collect();
+    words.join(" ")
 }
 
 /// Every config in every variation, all of them valid.
 fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
     let mut sources = Vec::new();
     for path in &arguments.config {
-        let stem = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-        sources.push((stem, path.display().to_string(), config::read_file(path)?));
+        let (origin, text) = read_config(path)?;
+        sources.push((config_name(path), visible(&origin), text));
     }
     if sources.is_empty() {
         sources.push((DEFAULT_NAME.into(), "the built-in config".into(), DEFAULT_CONFIG.into()));
@@ -140,9 +179,22 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
     if arguments.set.iter().any(|set| set.starts_with("seed=")) {
         return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));
     }
+    for Variation { key, .. } in &arguments.vary {
+        let is_overwritten = |set: &&String| {
+            let below = set.strip_prefix(key.as_str());
+            below.is_some_and(|rest| rest.starts_with(['=', '.']))
+        };
+        if let Some(set) = arguments.set.iter().find(is_overwritten) {
+            return Err(Failure::BadInput(format!(
+                "--vary {key} overwrites --set {}; give one of the two",
+                visible(set)
+            )));
+        }
+    }
     let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
     let mut configs: Vec<NamedConfig> = Vec::new();
     for (stem, origin, text) in &sources {
+        let mut seen = BTreeMap::new();
         for variation in &variations {
             let name = [std::slice::from_ref(stem), variation].concat().join(" ");
             let sets = [&arguments.set[..], variation].concat();
@@ -151,6 +203,16 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
                     [] => error.into(),
                     _ => Failure::BadInput(format!("variation {}: {error}", variation.join(" "))),
                 })?;
+            // Two spellings of one value, such as 0.9 and 0.90, would train the same config twice.
+            let parsed =
+                serde_json::to_string(&config).map_err(|error| Failure::Failed(error.to_string()))?;
+            if let Some(other) = seen.insert(parsed, variation) {
+                return Err(Failure::BadInput(format!(
+                    "--vary: {} and {} are the same config; leave one out",
+                    other.join(" "),
+                    variation.join(" ")
+                )));
+            }
             if configs.iter().any(|other| other.name == name) {
                 return Err(Failure::BadInput(format!(
                     "--config {origin}: two configs are called {stem:?}; rename a file"
@@ -167,7 +229,9 @@ fn combinations(vary: &[Variation], limit: usize) -> Result<Vec<Vec<String>>, Fa
     let mut products = vec![Vec::new()];
     for (i, Variation { key, values }) in vary.iter().enumerate() {
         if vary[..i].iter().any(|other| other.key == *key) {
-            return Err(Failure::BadInput(format!("--vary {key} comes twice; give all its values in one")));
+            return Err(Failure::BadInput(format!(
+                "--vary {key} is given twice; put all its values into one --vary"
+            )));
         }
         if products.len().saturating_mul(values.len()) > limit {
             return Err(Failure::BadInput(format!("--vary makes more than {MAX_CONFIGS} configs")));
@@ -192,6 +256,7 @@ struct Progress {
     done: u64,
     solved: u64,
     failed: u64,
+    first_error: Option<String>,
 }
 
 impl Progress {
@@ -202,13 +267,26 @@ impl Progress {
         {
             bar.set_style(style);
         }
-        Self { bar, quiet, last_line: Instant::now(), total, done: 0, solved: 0, failed: 0 }
+        Self {
+            bar,
+            quiet,
+            last_line: Instant::now(),
+            total,
+            done: 0,
+            solved: 0,
+            failed: 0,
+            first_error: None,
+        }
     }
 
     fn count(&mut self, trial: &Trial) {
         self.done += 1;
         self.solved += u64::from(trial.solved());
-        self.failed += u64::from(trial.error.is_some());
+        if let Some(error) = &trial.error {
+            self.failed += 1;
+            let Trial { config, seed, .. } = trial;
+            self.first_error.get_or_insert_with(|| visible(&format!("{config}, seed {seed}: {error}")));
+        }
     }
 
     /// The trials counted until now took no time.
@@ -239,12 +317,20 @@ impl Progress {
         }
     }
 
-    fn finish(&self) -> String {
-        self.bar.finish_and_clear();
+    fn result(&self) -> String {
         format!(
             "trials     {}\nsolved     {} by the final policy (mean return ≥ 475 over eval's 100 episodes)\n\
-             failed     {}",
+             failed     {}\n",
             self.done, self.solved, self.failed
         )
+    }
+
+    fn interrupted(&self) -> String {
+        let Self { done, total, .. } = self;
+        let what = format!(
+            "stopped: {done} of {total} trials are finished and kept; those that were training were dropped and begin \
+             again. Resume the study with the same command:"
+        );
+        format!("{}  {}", wrapped(&what, 0), own_command())
     }
 }

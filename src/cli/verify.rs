@@ -8,6 +8,7 @@ use std::sync::atomic::Ordering;
 use clap::Args;
 use serde_json::{Value, json};
 
+use super::init::first_step;
 use super::resume::{Run, load};
 use super::run_dir::{RunDir, bad};
 use super::signals::Signals;
@@ -15,10 +16,9 @@ use super::train::Record;
 use super::{Failure, print};
 use crate::checkpoint::{Checkpoint, sha256};
 use crate::config::{MAX_BYTES, difference};
-use crate::env::CartPole;
 use crate::files::{open_ordinary, read_limited, read_text_limited};
-use crate::sink::Console;
-use crate::trainer::{BEST, EndReason, EventSink, Header, LAST, PREVIOUS, Trainer};
+use crate::sink::{Console, ProgressCsv};
+use crate::trainer::{BEST, EndReason, EventSink, Header, LAST, PREVIOUS};
 
 /// Largest checkpoint and summary that are read, in bytes.
 const MAX_CHECKPOINT: u64 = 1 << 32;
@@ -29,16 +29,16 @@ const SHOWN: usize = 300;
 
 /// Train a run again and compare every byte.
 ///
-/// Takes the config and the seed that are recorded in the run's folder and compares metrics, checkpoints and summary,
-/// but for the time that it took and what it ran on. A run that has not ended is compared up to its last checkpoint. Exit
-/// code 0 if every byte agrees, 1 if one does not.
+/// Trains again with the config that is recorded in the run directory, and compares metrics, checkpoints and summary. Only
+/// the training time and the machine may differ. A run that has not ended is compared up to its last checkpoint. The exit
+/// code is 0 if every byte agrees, and 1 if not.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn verify runs/my-run")]
 pub(super) struct Arguments {
-    /// The run's folder; nothing in it is changed
+    /// The run directory; nothing in it is changed
     #[arg(value_name = "RUN_DIR")]
     run: PathBuf,
-    /// Show no progress and, if every byte agrees, nothing
+    /// Show no progress, and print nothing if every byte agrees
     #[arg(long)]
     quiet: bool,
 }
@@ -52,23 +52,36 @@ struct Extent {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let signals = Signals::listen()?;
+    let signals = Signals::listen();
     let (run, mut config) = RunDir::open(&arguments.run)?;
     let _shared = run.share()?;
     let summary = if run.summary().exists() { Some(read_summary(&run)?) } else { None };
+    let mut branched_at_step = summary.as_ref().and_then(|summary| summary["branched_at_step"].as_u64());
     let mut extent = Extent { env_steps: None, lines: u64::MAX };
     if summary.is_none() {
         let last = load(&run.last(), &config)?;
         extent = Extent { env_steps: Some(last.progress().env_steps), lines: last.progress().events };
+        branched_at_step = last.progress().branched_at_step;
         config = last.config().clone();
     }
+    if let Some(step) = branched_at_step {
+        return Err(bad(
+            run.path(),
+            &format!(
+                "cannot be verified: from step {step} on it follows another schedule (train --resume --set), so that no \
+                 single config repeats it"
+            ),
+        ));
+    }
+    config.check_memory(1).map_err(Failure::BadInput)?;
     let folder = tempfile::tempdir().map_err(failed)?;
-    let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config)?;
-    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics)];
+    let (mut trainer, init) = first_step(&run, config.clone())?;
+    let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config, init.as_ref())?;
+    let progress = ProgressCsv::create(&again.progress()).map_err(failed)?;
+    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics), Box::new(progress)];
     if !arguments.quiet {
         sinks.push(Box::new(Console::new(config.budget, 0)));
     }
-    let mut trainer = Trainer::new(config, CartPole::v1());
     let reason = train(&mut trainer, &mut sinks, &again, &extent, &signals)?;
     drop(sinks);
     let mut differences = compare_files(&run, &again, &extent)?;
@@ -98,7 +111,7 @@ fn train(
         }
     }
     if signals.stop.load(Ordering::Relaxed) {
-        let message = format!("stopped after step {}; nothing is verified", trainer.progress().env_steps);
+        let message = format!("stopped after step {}, so nothing was verified", trainer.progress().env_steps);
         return Err(Failure::Interrupted(message, signals.exit_code()));
     }
     Ok(reason)
@@ -107,7 +120,14 @@ fn train(
 /// What the metrics and the checkpoints of a run and its repetition differ in.
 fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, Failure> {
     let mut differences = Vec::new();
-    differences.extend(compare_lines(&run.metrics(), &again.metrics(), extent.lines)?);
+    differences.extend(compare_lines("metrics.jsonl", &run.metrics(), &again.metrics(), extent.lines)?);
+    // Runs of earlier versions have none.
+    if run.progress().exists() {
+        let rows =
+            read_text_limited(&again.progress(), MAX_CHECKPOINT).map_err(failed)?.lines().count() as u64;
+        let count = if extent.env_steps.is_some() { rows } else { u64::MAX };
+        differences.extend(compare_lines("progress.csv", &run.progress(), &again.progress(), count)?);
+    }
     for name in [BEST, LAST, PREVIOUS] {
         let (path, repeated) = (run.checkpoints().join(name), again.checkpoints().join(name));
         if name == BEST && extent.env_steps.is_some_and(|last| step_of(&path).is_some_and(|step| step > last))
@@ -135,7 +155,12 @@ fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<St
 }
 
 /// The first of so many lines that differs.
-fn compare_lines(recorded: &Path, repeated: &Path, count: u64) -> Result<Option<String>, Failure> {
+fn compare_lines(
+    name: &str,
+    recorded: &Path,
+    repeated: &Path,
+    count: u64,
+) -> Result<Option<String>, Failure> {
     let open = |path| open_ordinary(File::options().read(true), path).map(BufReader::new).map_err(failed);
     let line = |file: &mut BufReader<File>| {
         let mut line = Vec::new();
@@ -146,7 +171,7 @@ fn compare_lines(recorded: &Path, repeated: &Path, count: u64) -> Result<Option<
         match (line(&mut recorded)?, line(&mut repeated)?) {
             (a, b) if a != b => {
                 let (a, b) = (shown(&a), shown(&b));
-                let text = format!("metrics.jsonl, first at line {number}:\n  recorded {a}\n  repeated {b}");
+                let text = format!("{name}, first at line {number}:\n  recorded {a}\n  repeated {b}");
                 return Ok(Some(text));
             }
             (a, _) if a.is_empty() => break,
@@ -171,14 +196,25 @@ fn step_of(best: &Path) -> Option<u64> {
 fn read_summary(run: &RunDir) -> Result<Value, Failure> {
     let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(failed)?;
     let summary: Value = serde_json::from_str(&text)
-        .map_err(|error| bad(run.path(), &format!("has a damaged summary.json: {error}")))?;
-    let config = sha256([read_limited(&run.config(), MAX_BYTES).map_err(failed)?]);
-    if summary["config_sha256"] != config {
-        return Err(Failure::Failed(format!(
-            "{} does not agree: the SHA-256 of its config.json is {config}, and summary.json says {}",
-            run.path().display(),
-            summary["config_sha256"]
-        )));
+        .map_err(|error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}")))?;
+    let files = [
+        ("config_sha256", run.config(), MAX_BYTES),
+        // None in the summary and no file where the first weights were drawn.
+        ("init_sha256", run.init(), MAX_CHECKPOINT),
+    ];
+    for (field, path, max_bytes) in files {
+        let found = match read_limited(&path, max_bytes) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Value::Null,
+            read => json!(sha256([read.map_err(failed)?])),
+        };
+        if summary[field] != found {
+            return Err(Failure::Failed(format!(
+                "{} does not agree: the SHA-256 of its {} is {found}, and summary.json says {}",
+                run.path().display(),
+                path.strip_prefix(run.path()).unwrap_or(&path).display(),
+                summary[field]
+            )));
+        }
     }
     Ok(summary)
 }
@@ -191,7 +227,12 @@ fn compare_summaries(recorded: Value, repeated: &Record) -> Option<String> {
         }
         summary
     };
-    let difference = difference("", &outcome(recorded), &outcome(json!(repeated)));
+    let mut repeated = json!(repeated);
+    // Earlier versions did not write it.
+    if let (None, Some(fields)) = (recorded.get("mean_return_100"), repeated.as_object_mut()) {
+        fields.remove("mean_return_100");
+    }
+    let difference = difference("", &outcome(recorded), &outcome(repeated));
     difference.map(|difference| format!("summary.json: {difference}"))
 }
 

@@ -29,21 +29,21 @@ pub(super) const KEYS: &[Key] = &[
     key("environment", Allowed::OneOf(&["CartPole-v1"]), "the task"),
     key("network.hidden", Allowed::LayerSizes, "units of each hidden layer, first to last; `[]` is a linear network"),
     key("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"]), "how the weights start"),
-    key("optimizer.learning_rate", POSITIVE, "Adam's step size α; with a schedule that of the first step"),
+    key("optimizer.learning_rate", POSITIVE, "Adam's step size α; if there is a schedule, the value at its start"),
     key("optimizer.beta1", BELOW_ONE, "decay of the first moment"),
     key("optimizer.beta2", BELOW_ONE, "decay of the second moment"),
     key("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", (Included(1e-30), Included(1.0))), "added to the root of the bias-corrected second moment"),
-    key("optimizer.max_gradient_norm", Allowed::OrNull(&SCALE), "norm to which a longer gradient is shortened; `null`: none"),
-    key("optimizer.schedule", Allowed::OrNull(&Allowed::Object("an object with `final_learning_rate`, `steps`")), "how the step size changes; `null`: not at all"),
+    key("optimizer.max_gradient_norm", Allowed::OrNull(&SCALE), "a gradient with a larger norm is shortened to this norm; `null`: no limit"),
+    key("optimizer.schedule", Allowed::OrNull(&Allowed::Object("an object with `final_learning_rate`, `steps`")), "how the step size changes during training; `null`: it does not"),
     key("optimizer.schedule.final_learning_rate", UNIT, "step size at the end of the schedule"),
     key("optimizer.schedule.steps", PERIOD, "length of the straight line from `learning_rate` to `final_learning_rate`"),
     key("loss", Allowed::OneOf(&["mse", "huber"]), "loss of a TD error"),
     key("gamma", UNIT, "discount factor γ"),
-    key("n_step", Allowed::Integer(1, 100), "rewards that a target sums up before it bootstraps"),
+    key("n_step", Allowed::Integer(1, 100), "how many rewards a target sums before the target network's value is added"),
     key("double", Allowed::Bool, "double Q-learning: the online network chooses the action that the target network values"),
-    key("replay.capacity", Allowed::Integer(1, 100_000_000), "transitions held before the oldest is overwritten"),
+    key("replay.capacity", Allowed::Integer(1, 100_000_000), "transitions that the memory holds before it overwrites the oldest"),
     key("replay.batch_size", Allowed::Integer(1, 65_536), "transitions in a minibatch"),
-    key("replay.warmup_steps", Allowed::Integer(0, u64::MAX), "no learning before this step"),
+    key("replay.warmup_steps", Allowed::Integer(0, u64::MAX), "no learning happens before this step"),
     key("replay.update", Allowed::OneOf(&["minibatch", "per_sample"]), "`minibatch`: one Adam step on the mean loss; `per_sample`: one Adam step per transition, one after another"),
     key("learn.every_steps", PERIOD, "period of the learning steps"),
     key("learn.updates", Allowed::Integer(1, u32::MAX as u64), "minibatches per learning step"),
@@ -56,7 +56,7 @@ pub(super) const KEYS: &[Key] = &[
     key("target.every_steps", PERIOD, "only `hard`: period of the copies"),
     key("target.every_episodes", PERIOD, "only `hard`, instead of `every_steps`: copied after episode e, from 0, if `e % every_episodes == 0`"),
     key("target.tau", POSITIVE, "only `soft`: share of the way, after every learning step"),
-    key("truncation_is_terminal", Allowed::Bool, "the 500-step limit zeroes the bootstrap as a fall does"),
+    key("truncation_is_terminal", Allowed::Bool, "the 500-step limit counts as the end of the task, as a fall does"),
     key("observation_scale", Allowed::OrNull(&Allowed::Scales), "what x, ẋ, θ, θ̇ are divided by before the agent sees them; `null`: nothing"),
     key("reward_scale", SCALE, "what rewards are multiplied by before they are stored; metrics show the raw ones"),
     key("policy_weights", Allowed::OneOf(&["online", "target"]), "the weights that are evaluated and saved as the policy"),
@@ -67,6 +67,11 @@ pub(super) const KEYS: &[Key] = &[
     key("checkpoint.every_steps", PERIOD, "period of `last.safetensors`; it is always written at the end"),
     key("stop_when_solved", Allowed::Bool, "the run ends at the first evaluation with a mean of at least 475"),
 ];
+
+/// The path of every key, `group.name`.
+pub fn key_paths() -> impl Iterator<Item = &'static str> {
+    KEYS.iter().map(|key| key.path)
+}
 
 const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
 const UNIT: Allowed = Allowed::Number("from 0 to 1", (Included(0.0), Included(1.0)));
@@ -107,6 +112,16 @@ impl Allowed {
             }
             Self::Object(_) => value.is_object(),
             Self::OrNull(allowed) => value.is_null() || allowed.admits(value),
+        }
+    }
+
+    /// The values that have a name.
+    pub(super) fn names(&self) -> Vec<&'static str> {
+        match self {
+            Self::Bool => vec!["true", "false"],
+            Self::OneOf(names) => names.to_vec(),
+            Self::OrNull(allowed) => [vec!["null"], allowed.names()].concat(),
+            _ => Vec::new(),
         }
     }
 

@@ -77,8 +77,8 @@ impl Layer {
     }
 }
 
-/// Merges one group over the layers. A layer chooses an alternative by its name, or by a key among those of the same
-/// name. What it shares with the former choice stays; other keys of lower layers go.
+/// Merges one group. The last layer that names an alternative, or sets a key that only one alternative has, decides. Keys
+/// that both alternatives have are kept from lower layers. The other keys of lower layers are dropped.
 pub(super) fn choose(
     group: &str,
     alternatives: &[Map<String, Value>],

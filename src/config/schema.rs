@@ -111,6 +111,12 @@ pub struct Setting {
     pub allowed: String,
 }
 
+/// Every key that `--set` takes: its path, what it decides and, where there are only a few, its values.
+pub fn keys() -> impl Iterator<Item = (&'static str, &'static str, Vec<&'static str>)> {
+    let settable = KEYS.iter().filter(|key| key.path != "$schema");
+    settable.map(|key| (key.path, key.meaning, key.allowed.names()))
+}
+
 impl Config {
     /// Every key that the config has, in the order of the documentation.
     pub fn settings(&self) -> Vec<Setting> {

@@ -50,6 +50,12 @@ pub fn write_gif(out: impl Write, states: &[[f64; 4]]) -> io::Result<()> {
     Ok(())
 }
 
+/// Whether a file that begins like this can be one of [`write_gif`]: its size is that of the pictures.
+pub fn is_gif(start: &[u8]) -> bool {
+    let size = [WIDTH.to_le_bytes(), HEIGHT.to_le_bytes()].concat();
+    start.strip_prefix(b"GIF89a").is_some_and(|rest| rest.starts_with(&size))
+}
+
 fn io_error(error: EncodingError) -> io::Error {
     match error {
         EncodingError::Io(error) => error,

@@ -8,6 +8,19 @@ use super::{
 };
 use crate::env::CartPole;
 
+/// The start of every picture; [`is_svg`] knows it by that.
+fn start() -> String {
+    format!(
+        r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}">
+<title>CartPole-v1, "#
+    )
+}
+
+/// Whether a file that begins like this can be one of [`svg`].
+pub fn is_svg(start: &[u8]) -> bool {
+    start.starts_with(self::start().as_bytes())
+}
+
 /// The episode of these states, at least one, as an SVG file.
 pub fn svg(states: &[[f64; 4]]) -> String {
     let held = states.last().into_iter().cycle().take(usize::from(LAST_FRAMES));
@@ -28,8 +41,7 @@ pub fn svg(states: &[[f64; 4]]) -> String {
     let colour = |[red, green, blue]: [u8; 3]| format!("#{red:02x}{green:02x}{blue:02x}");
     let track = f64::from(HEIGHT) - CART_Y;
     format!(
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}">
-<title>CartPole-v1, {steps} steps</title>
+        r##"{start}{steps} steps</title>
 <rect width="100%" height="100%" fill="{white}"/>
 <g transform="translate({x:.2})">{moving}
 <rect x="{cart_left}" y="{cart_top}" width="{CART_WIDTH}" height="{CART_HEIGHT}" fill="{black}"/>
@@ -41,6 +53,7 @@ pub fn svg(states: &[[f64; 4]]) -> String {
 <path d="M0,{line}H{WIDTH}" stroke="{black}"/>
 </svg>
 "##,
+        start = start(),
         steps = states.len() - 1,
         x = cart_x(&states[0]),
         angle = states[0][2].to_degrees(),

@@ -6,15 +6,13 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::events::METRICS;
 use super::panels::{figure, learning};
 use super::portrait::Portrait;
-use super::run::{CONFIG, Run};
-use super::study::{self, Study};
+use super::run::{self, CONFIG, Run};
+use super::study::{self, Study, Table};
 use super::svg::{DARK, escaped};
-use super::{ReportError, parse, plots};
+use super::{Kind, ReportError, parse, plots};
 use crate::config::{Config, Setting};
-use crate::study::MANIFEST;
 
 const PAGE: &str = include_str!("html/page.html");
 const STYLE: &str = include_str!("html/page.css");
@@ -26,37 +24,41 @@ const POLICY: &str = include_str!("html/policy.html");
 /// # Errors
 /// When a folder is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
 pub fn page(folders: &[PathBuf]) -> Result<String, ReportError> {
-    let study = folders.iter().find(|folder| folder.join(MANIFEST).is_file());
+    let kinds = folders.iter().map(|folder| Kind::of(folder)).collect::<Result<Vec<_>, _>>()?;
+    let study = folders.iter().zip(kinds).find(|(_, kind)| matches!(kind, Kind::Study));
     match (study, folders) {
-        (Some(study), [_]) => study_page(study),
-        (Some(study), _) => Err(ReportError::new(study, "is a study; a page shows one study, or runs")),
+        (Some((study, _)), [_]) => study_page(study),
+        (Some((study, _)), _) => {
+            Err(ReportError::new(study, "is a study; a page shows either one study or several runs"))
+        }
         (None, _) => runs_page(folders),
     }
 }
 
 fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
-    if let Some(folder) = folders.iter().find(|folder| !folder.join(METRICS).is_file()) {
-        return Err(ReportError::neither(folder));
-    }
-    let runs = folders.iter().map(|folder| Run::read(folder)).collect::<Result<Vec<_>, _>>()?;
+    let named = folders.iter().zip(run::names(folders)?);
+    let runs = named.map(|(folder, name)| Run::read(folder, name)).collect::<Result<Vec<_>, _>>()?;
     let mut portraits = Vec::new();
     for (folder, run) in folders.iter().zip(&runs) {
-        let scale = run.config["reward_scale"].as_f64().filter(|&scale| scale > 0.0).unwrap_or(1.0);
-        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder, scale)?}));
+        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder)?}));
     }
     let title = match &runs[..] {
         [run] => format!("Run {}", run.name),
         runs => format!("{} runs", runs.len()),
     };
     let mut sections = results(&runs);
-    let faint =
-        if runs.len() > 1 { " Faint: the mean return of the last 100 training episodes." } else { "" };
-    let note = format!("All panels are over the environment steps of training.{faint}");
+    let lines = if runs.len() > 1 {
+        " In the learning curve the bold line is the mean return of an evaluation, the faint one that of the last 100 \
+         training episodes."
+    } else {
+        ""
+    };
+    let note = format!("All panels are over the environment steps of training.{lines}");
     sections += &section("Learning", &format!("<p class=\"note\">{note}</p>\n{}", learning(&runs)));
     sections += if portraits.iter().any(|run| !run["portrait"].is_null()) {
         POLICY
     } else {
-        "<section><h2>The policy</h2><p>There is no checkpoint in the folder, so there is nothing to play.</p></section>\n"
+        "<section><h2>The policy</h2><p>There is no checkpoint in the directory, so there is nothing to play.</p></section>\n"
     };
     let configs: Vec<(&str, &Value)> = runs.iter().map(|run| (run.name.as_str(), &run.config)).collect();
     sections += &section("Config", &config_tables(&configs));
@@ -84,14 +86,13 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
 fn study_page(folder: &Path) -> Result<String, ReportError> {
     let Study { configs, report, .. } = Study::read(folder)?;
     let mut result = String::new();
-    for warning in &report.warnings {
-        let _ = writeln!(result, "<p>Note: {}</p>", escaped(warning));
+    for Table { title, rows } in study::tables(&report) {
+        let _ = writeln!(result, "<p>{}</p>", escaped(&title));
+        result += &table(&rows, 2);
     }
-    for rows in study::tables(&report) {
-        result += &table(&rows);
+    for remark in study::remarks(&report) {
+        let _ = writeln!(result, "<p class=\"note\">{}</p>", escaped(&remark));
     }
-    result += &list(&study::comparisons(&report));
-    let _ = writeln!(result, "<p class=\"note\">{}</p>", escaped(&study::footnote()));
     let mut sections = section("Result", &result);
     let drawn = plots::STUDY.iter().map(|(_, draw)| figure(|shape| draw(&report.configs, shape)));
     sections += &section("Plots", &drawn.collect::<String>());
@@ -147,7 +148,7 @@ fn results(runs: &[Run]) -> String {
             list(&report.statements)
         );
     }
-    section("Result", &(table(&rows) + &said))
+    section("Result", &(table(&rows, 1) + &said))
 }
 
 fn section(title: &str, content: &str) -> String {
@@ -159,14 +160,14 @@ fn list(lines: &[String]) -> String {
     if items.is_empty() { items } else { format!("<ul>\n{items}</ul>\n") }
 }
 
-/// Rows of numbers below a heading, with a name at the front.
-fn table(rows: &[Vec<String>]) -> String {
+/// Rows of numbers below a heading, with so many columns of names at the front.
+fn table(rows: &[Vec<String>], names: usize) -> String {
     let mut html = String::from("<div class=\"scroll\"><table>\n");
     for (i, row) in rows.iter().enumerate() {
         let tag = if i == 0 { "th" } else { "td" };
         html += "<tr>";
         for (j, cell) in row.iter().enumerate() {
-            let class = if j == 0 { "" } else { " class=\"number\"" };
+            let class = if j < names { "" } else { " class=\"number\"" };
             let _ = write!(html, "<{tag}{class}>{}</{tag}>", escaped(cell));
         }
         html += "</tr>\n";
@@ -204,7 +205,7 @@ fn config_tables(configs: &[(&str, &Value)]) -> String {
         ([first, ..], [(name, _), ..]) => {
             let rows = differences(configs, &all);
             let differ = if rows.len() > 1 {
-                format!("<p>Where they differ:</p>\n{}", table(&rows))
+                format!("<p>Where they differ:</p>\n{}", table(&rows, 1))
             } else {
                 "<p>All are the same.</p>\n".into()
             };

@@ -6,20 +6,24 @@ mod html;
 mod panels;
 mod plots;
 mod portrait;
+mod ranking;
 mod run;
 pub mod statistics;
 mod study;
 mod svg;
 
 use std::fmt::Write;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 pub use html::page;
+pub use ranking::standing;
 
 use crate::files::read_text_limited;
 use crate::study::MANIFEST;
+use crate::text::visible;
 use crate::trainer::Evaluation;
 
 /// Name of the report.
@@ -47,7 +51,7 @@ pub struct Report {
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {problem}", path.display())]
+#[error("{}: {problem}", visible(&path.to_string_lossy()))]
 pub struct ReportError {
     path: PathBuf,
     problem: String,
@@ -58,8 +62,37 @@ impl ReportError {
         Self { path: path.into(), problem: problem.to_string() }
     }
 
-    fn neither(folder: &Path) -> Self {
-        Self::new(folder, format!("is no study (no {MANIFEST}) and no run (no {})", events::METRICS))
+    fn unreadable(path: &Path, error: &io::Error) -> Self {
+        Self::new(path, format!("cannot be read: {error}"))
+    }
+}
+
+/// What a directory holds.
+enum Kind {
+    Study,
+    Run,
+}
+
+impl Kind {
+    fn of(folder: &Path) -> Result<Self, ReportError> {
+        let found = folder.metadata().map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => {
+                ReportError::new(folder, "there is no such directory; give that of a study or of a run")
+            }
+            _ => ReportError::unreadable(folder, &error),
+        })?;
+        if !found.is_dir() {
+            return Err(ReportError::new(folder, "is a file; give the directory of a study or of a run"));
+        }
+        for (name, kind) in [(MANIFEST, Self::Study), (events::METRICS, Self::Run)] {
+            let path = folder.join(name);
+            if path.try_exists().map_err(|error| ReportError::unreadable(&path, &error))? {
+                return Ok(kind);
+            }
+        }
+        let problem =
+            format!("is neither a study (it has no {MANIFEST}) nor a run (it has no {})", events::METRICS);
+        Err(ReportError::new(folder, problem))
     }
 }
 
@@ -69,12 +102,9 @@ impl Report {
     /// # Errors
     /// When it is neither, nothing has been finished in it, or a file in it is damaged.
     pub fn of(folder: &Path) -> Result<Self, ReportError> {
-        if folder.join(MANIFEST).is_file() {
-            study::report(folder)
-        } else if folder.join(events::METRICS).is_file() {
-            run::report(folder)
-        } else {
-            Err(ReportError::neither(folder))
+        match Kind::of(folder)? {
+            Kind::Study => study::report(folder),
+            Kind::Run => run::report(folder),
         }
     }
 }
@@ -112,21 +142,4 @@ fn quoted(field: &str) -> String {
     } else {
         field.to_owned()
     }
-}
-
-/// Rows with their columns below each other; the first column to the left, the others to the right.
-fn table(rows: &[Vec<String>]) -> String {
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..columns)
-        .map(|i| rows.iter().filter_map(|row| row.get(i)).map(|cell| cell.chars().count()).max().unwrap_or(0))
-        .collect();
-    let mut text = String::new();
-    for row in rows {
-        for (i, (cell, &width)) in row.iter().zip(&widths).enumerate() {
-            let _ = if i == 0 { write!(text, "{cell:<width$}") } else { write!(text, "  {cell:>width$}") };
-        }
-        text.truncate(text.trim_end().len());
-        text.push('\n');
-    }
-    text
 }

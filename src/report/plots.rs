@@ -38,10 +38,14 @@ pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, String)> {
 }
 
 /// The file of a run's plot: its evaluations, and the mean return of the last 100 training episodes.
-pub(super) fn run(evaluations: &[Evaluation], training: &[(f64, f64)]) -> Vec<(&'static str, String)> {
+pub(super) fn run(
+    name: &str,
+    evaluations: &[Evaluation],
+    training: &[(f64, f64)],
+) -> Vec<(&'static str, String)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
-    let mut plot = returns(Shape::FILE, "Learning curve", end);
+    let mut plot = returns(Shape::FILE, &format!("Learning curve of {name}"), end);
     for (series, (points, text)) in
         [(&points[..], "evaluations"), (training, "last 100 training episodes")].into_iter().enumerate()
     {
@@ -60,6 +64,12 @@ pub(super) fn returns(shape: Shape, title: &str, end: f64) -> Plot {
 
 fn ends(estimate: &Estimate) -> Option<(f64, f64)> {
     estimate.low.zip(estimate.high)
+}
+
+/// What a title says of intervals: nothing where none is drawn.
+fn with_intervals<'a>(title: &str, mut estimates: impl Iterator<Item = &'a Estimate>, kind: &str) -> String {
+    let drawn = estimates.any(|estimate| ends(estimate).is_some());
+    if drawn { format!("{title}, 95 % {kind} interval") } else { title.into() }
 }
 
 fn last_step(configs: &[ConfigReport]) -> f64 {
@@ -84,9 +94,10 @@ fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
 }
 
 fn learning_curves(configs: &[ConfigReport], shape: Shape) -> Plot {
-    let title = "Learning curves: IQM over seeds, 95 % bootstrap interval";
+    let points = configs.iter().flat_map(|config| &config.learning_curve).map(|point| &point.iqm);
+    let title = with_intervals("Learning curves: IQM over seeds", points, "bootstrap");
     let mut plot =
-        Plot::new(shape, title, [STEPS, "mean return of an evaluation"], (0.0, last_step(configs)), RETURNS);
+        Plot::new(shape, &title, [STEPS, "mean return of an evaluation"], (0.0, last_step(configs)), RETURNS);
     plot.level(THRESHOLD, "solved");
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
@@ -98,9 +109,10 @@ fn learning_curves(configs: &[ConfigReport], shape: Shape) -> Plot {
 }
 
 fn performance_profile(configs: &[ConfigReport], shape: Shape) -> Plot {
-    let title = "Performance profile of the final policies, 95 % Wilson interval";
+    let points = configs.iter().flat_map(|config| &config.performance_profile).map(|point| &point.share);
+    let title = with_intervals("Performance profile of the final policies", points, "Wilson");
     let labels = ["mean return τ", "share of seeds above τ"];
-    let mut plot = Plot::new(shape, title, labels, (0.0, MAX_RETURN), (0.0, 1.02));
+    let mut plot = Plot::new(shape, &title, labels, (0.0, MAX_RETURN), (0.0, 1.02));
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
             config.performance_profile.iter().map(|point| (point.tau, point.share)).collect();
@@ -112,7 +124,7 @@ fn performance_profile(configs: &[ConfigReport], shape: Shape) -> Plot {
 
 fn steps_to_solve(configs: &[ConfigReport], shape: Shape) -> Plot {
     let end = last_step(configs);
-    let title = "Steps before the first evaluation that solves";
+    let title = "Steps before the first evaluation during training that solves";
     let mut plot = Plot::new(shape, title, [STEPS, "share of seeds"], (0.0, end), (0.0, 1.02));
     for (series, config) in configs.iter().enumerate() {
         let seeds = config.seeds as f64;
@@ -127,11 +139,13 @@ fn steps_to_solve(configs: &[ConfigReport], shape: Shape) -> Plot {
 }
 
 fn compare(configs: &[ConfigReport], shape: Shape) -> Plot {
-    let title = "IQM of the final policies over seeds, 95 % bootstrap interval";
+    let iqms = configs.iter().map(|config| &config.final_iqm);
+    let title = with_intervals("IQM of the final policies over seeds", iqms, "bootstrap");
+    let shape = shape.for_rows(configs.len());
     let rows = configs.len() as f64;
-    let mut plot = Plot::new(shape, title, ["mean return", ""], RETURNS, (0.0, rows)).without_y_ticks();
+    let mut plot = Plot::new(shape, &title, ["mean return", ""], RETURNS, (0.0, rows)).without_y_ticks();
     for (series, config) in configs.iter().enumerate() {
-        let y = rows - series as f64 - 0.6;
+        let y = rows - series as f64 - 0.7;
         plot.interval(series, y, config.final_iqm.value, ends(&config.final_iqm), &config.name);
     }
     plot

@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use super::ReportError;
 use crate::checkpoint::Checkpoint;
-use crate::env::{CartPole, Environment, TimeLimit};
+use crate::env::{CartPole, TimeLimit};
 use crate::study::SCORE_SEED;
-use crate::trainer::{Frame, Header, q_values, record};
+use crate::trainer::{Frame, SavedPolicy, record};
 
 /// Largest pole angle of the picture, rad: that at which an episode ends.
 const MAX_ANGLE: f64 = 0.209_439_510_239_319_55;
@@ -45,37 +45,41 @@ struct Episode {
 }
 
 impl Portrait {
-    /// The portrait of the policy in a run's folder; none without a checkpoint. Q-values are divided by `reward_scale`,
-    /// so that they are returns.
-    pub(super) fn of(folder: &Path, reward_scale: f64) -> Result<Option<Self>, ReportError> {
-        let Some(name) = CHECKPOINTS.into_iter().find(|name| folder.join(name).is_file()) else {
-            return Ok(None);
-        };
-        let path = folder.join(name);
-        type Task = TimeLimit<CartPole>;
+    /// The portrait of the policy in a run's folder; none without a checkpoint.
+    pub(super) fn of(folder: &Path) -> Result<Option<Self>, ReportError> {
+        let mut found = None;
+        for name in CHECKPOINTS {
+            let path = folder.join(name);
+            if path.try_exists().map_err(|error| ReportError::unreadable(&path, &error))? {
+                found = Some((name, path));
+                break;
+            }
+        }
+        let Some((name, path)) = found else { return Ok(None) };
         let checkpoint = Checkpoint::read(&path).map_err(|error| ReportError::new(&path, error.problem))?;
-        let policy = checkpoint
-            .policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS)
+        let saved = SavedPolicy::of::<TimeLimit<CartPole>>(&checkpoint)
             .map_err(|problem| ReportError::new(&path, problem))?;
-        let values = q_values(&policy, &observations());
-        let frames = record(&policy, CartPole::v1(), SCORE_SEED);
+        let observations = observations();
+        let mut policy = saved.greedy(observations.len());
+        policy.see(observations.iter().map(AsRef::as_ref));
+        let preference = |sample| rounded(policy.q_value(sample, 1) - policy.q_value(sample, 0));
+        let frames = record(&mut saved.greedy(1), CartPole::v1(), SCORE_SEED);
         Ok(Some(Self {
             checkpoint: name,
-            env_steps: checkpoint.header::<Header>().ok().map(|header| header.env_steps),
+            env_steps: saved.header.as_ref().map(|header| header.env_steps),
             max_angle: MAX_ANGLE,
             max_velocity: MAX_VELOCITY,
             size: SIZE,
-            preference: values.iter().map(|q| rounded((q[1] - q[0]) / reward_scale)).collect(),
-            episode: Episode::new(&frames, reward_scale),
+            preference: (0..observations.len()).map(preference).collect(),
+            episode: Episode::new(&frames),
         }))
     }
 }
 
 impl Episode {
-    fn new(frames: &[Frame], reward_scale: f64) -> Self {
+    fn new(frames: &[Frame]) -> Self {
         let coordinate = |i: usize| frames.iter().map(|frame| rounded(frame.state[i])).collect();
-        let values =
-            |frame: &Frame| frame.q_values.iter().map(|&q| rounded(f64::from(q) / reward_scale)).collect();
+        let values = |frame: &Frame| frame.q_values.iter().map(|&q| rounded(f64::from(q))).collect();
         Self {
             seed: SCORE_SEED,
             positions: coordinate(0),

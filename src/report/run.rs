@@ -1,6 +1,6 @@
 //! The report of one run: what happened and when, each statement with its numbers.
 
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -8,12 +8,15 @@ use serde_json::{Value, json};
 use super::events::{History, METRICS, Series};
 use super::history::{self, Retention, THRESHOLD};
 use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots};
+use crate::text::{visible, wrapped};
 use crate::trainer::Evaluation;
 
 pub(super) const CONFIG: &str = "config.json";
 
 /// Samples of a statistic that its usual range is taken from, at least and at most.
 const BASELINE: std::ops::RangeInclusive<usize> = 5..=20;
+/// Training episodes of the classic criterion.
+const EPISODES: usize = 100;
 /// Standard deviations from the mean of those at which a statistic has moved.
 const MOVED: f64 = 4.0;
 
@@ -31,9 +34,30 @@ pub(super) struct RunReport {
     #[serde(rename = "final")]
     pub(super) final_: Evaluation,
     area_under_curve: f64,
+    training: Option<Training>,
     retention: Option<Retention>,
     collapses: Vec<Collapse>,
     pub(super) statements: Vec<String>,
+}
+
+/// The training episodes, by the mean return of the last 100: the classic criterion of CartPole.
+#[derive(Serialize)]
+struct Training {
+    episodes: usize,
+    /// Of fewer where there are not as many.
+    mean_return_100: f64,
+    /// Environment steps after which 100 episodes in a row first had a mean of the threshold.
+    solved_at_step: Option<u64>,
+}
+
+impl Training {
+    /// From (environment steps, mean return of the last 100) of every episode.
+    fn of(episodes: &[(f64, f64)]) -> Option<Self> {
+        let (_, mean_return_100) = *episodes.last()?;
+        let solved = episodes.iter().skip(EPISODES - 1).find(|(_, mean)| *mean >= THRESHOLD);
+        let solved_at_step = solved.map(|&(env_steps, _)| env_steps as u64);
+        Some(Self { episodes: episodes.len(), mean_return_100, solved_at_step })
+    }
 }
 
 /// A solution that was lost between two evaluations.
@@ -59,7 +83,7 @@ struct Moved {
 
 /// A run that has been read and judged.
 pub(super) struct Run {
-    /// Its folder's name.
+    /// The end of its directory's path: as much as tells it from the others, as it can be shown.
     pub(super) name: String,
     pub(super) config: Value,
     pub(super) history: History,
@@ -67,7 +91,7 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
+    pub(super) fn read(folder: &Path, name: String) -> Result<Self, ReportError> {
         let config: Value = parse(&folder.join(CONFIG))?;
         let path = folder.join(METRICS);
         let history = History::read(&path)?;
@@ -89,24 +113,46 @@ impl Run {
             best,
             final_,
             area_under_curve: history::area_under_curve(&grid, &curve),
+            training: Training::of(&history.training),
             retention: history::retention(evaluations),
             collapses: history.collapses(),
             statements: Vec::new(),
         };
         report.statements = statements(&report, !history.statistics.is_empty());
-        let folder = folder.canonicalize().ok();
-        let name = folder.and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-        Ok(Self { name: name.unwrap_or_else(|| "run".into()), config, history, report })
+        Ok(Self { name, config, history, report })
     }
+}
+
+/// What runs are called: the shortest ends of their paths that tell each from all others.
+pub(super) fn names(folders: &[PathBuf]) -> Result<Vec<String>, ReportError> {
+    let absolute =
+        |folder: &PathBuf| folder.canonicalize().map_err(|error| ReportError::unreadable(folder, &error));
+    let paths = folders.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
+    let parts: Vec<Vec<Component>> = paths.iter().map(|path| path.components().rev().collect()).collect();
+    let name = |i: usize| {
+        let own = &parts[i];
+        let is_other = |count: usize| {
+            let others = parts.iter().enumerate().filter(|(j, _)| *j != i);
+            others.map(|(_, other)| other).all(|other| other.iter().take(count).ne(own.iter().take(count)))
+        };
+        let count = (1..=own.len()).find(|&count| is_other(count));
+        let count =
+            count.ok_or_else(|| ReportError::new(&folders[i], "is given twice; give every run once"))?;
+        let end: PathBuf = own[..count].iter().rev().collect();
+        Ok(visible(&end.to_string_lossy()))
+    };
+    (0..parts.len()).map(name).collect()
 }
 
 /// The report of the run in a folder.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
-    let Run { name, history, report, .. } = Run::read(folder)?;
+    let name = names(&[folder.to_owned()])?.concat();
+    let Run { name, history, report, .. } = Run::read(folder, name)?;
     let rows = csv(std::iter::once((name.as_str(), report.seed, &history.evaluations[..])));
     let mut files = vec![(EVALUATIONS, rows)];
-    files.extend(plots::run(&history.evaluations, &history.training));
-    Ok(Report { text: report.statements.join("\n") + "\n", json: json!(report), files })
+    files.extend(plots::run(&name, &history.evaluations, &history.training));
+    let text = report.statements.iter().map(|statement| wrapped(statement, 2)).collect();
+    Ok(Report { text, json: json!(report), files })
 }
 
 impl History {
@@ -192,15 +238,26 @@ fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
         }
         if has_statistics && moved_first.is_empty() {
             said.push(format!(
-                "  no statistic left its usual range ({MOVED} standard deviations) before that"
+                "  no statistic left its usual range ({MOVED} standard deviations) before the collapse"
             ));
         }
     }
     if let Some(Retention { evaluations, solved, worst: Some(worst), collapses }) = &report.retention {
         said.push(format!(
-            "retained: {solved} of the {evaluations} evaluations after the first solution solve, {collapses} collapses, \
+            "retained: {solved} of the {evaluations} evaluations after the first solution solve, collapses: {collapses}, \
              the worst is {}",
             at(worst)
+        ));
+    }
+    if let Some(Training { episodes, mean_return_100, solved_at_step }) = &report.training {
+        let solved = match solved_at_step {
+            _ if *episodes < EPISODES => format!("the classic criterion takes {EPISODES}"),
+            Some(step) => format!("solved by the classic criterion, ≥ {THRESHOLD}, first at step {step}"),
+            None => format!("not once ≥ {THRESHOLD}, the classic criterion"),
+        };
+        let count = EPISODES.min(*episodes);
+        said.push(format!(
+            "training: mean return {mean_return_100:.1} over the last {count} training episodes; {solved}"
         ));
     }
     said.push(format!("best: {}", at(best)));

@@ -1,6 +1,5 @@
 //! The report of a study.
 
-use std::fmt::Write;
 use std::ops::Range;
 use std::path::Path;
 
@@ -8,18 +7,24 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::history::{self, Retention, THRESHOLD};
+use super::ranking::{self, Failures, Ranked, failure_lines, failures, named_table};
 use super::statistics::{self, BOOTSTRAP_SEED, Estimate, LEAST_SEEDS, RESAMPLES, iqm, mean, median, sorted};
-use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots, table};
+use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots};
 use crate::study::{self, MANIFEST, PolicyScore, Trial, finished_seeds, read_trial, trial_path};
+use crate::text::{shortened, table, visible, wrapped};
 use crate::trainer::Evaluation;
 
+/// Most configs that a note names.
+const MAX_NAMED: usize = 3;
+/// Widest name in a sentence, in columns.
+const MAX_NAME: usize = 48;
 /// The thresholds τ of a performance profile: 0, 5, …, 495.
 const PROFILE_STEP: u32 = 5;
 const PROFILE_POINTS: u32 = 100;
 
 /// What the report needs of `study.json`.
 #[derive(Deserialize)]
-struct Manifest {
+pub(super) struct Manifest {
     format_version: u32,
     configs: Vec<Named>,
     seeds: Range<u64>,
@@ -32,6 +37,22 @@ pub(super) struct Named {
     pub(super) config: Value,
 }
 
+impl Manifest {
+    pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
+        let path = folder.join(MANIFEST);
+        let manifest: Self = parse(&path)?;
+        if manifest.format_version != study::FORMAT_VERSION {
+            let problem = format!(
+                "has format_version {}, and this program reads {}",
+                manifest.format_version,
+                study::FORMAT_VERSION
+            );
+            return Err(ReportError::new(&path, problem));
+        }
+        Ok(manifest)
+    }
+}
+
 /// `report.json` of a study.
 #[derive(Serialize)]
 pub(super) struct StudyReport {
@@ -42,6 +63,7 @@ pub(super) struct StudyReport {
     trials: usize,
     finished: usize,
     failed: usize,
+    pub(super) failures: Vec<Failures>,
     bootstrap: Bootstrap,
     pub(super) warnings: Vec<String>,
     pub(super) configs: Vec<ConfigReport>,
@@ -144,25 +166,17 @@ pub(super) struct Study {
 
 impl Study {
     pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
-        let path = folder.join(MANIFEST);
-        let manifest: Manifest = parse(&path)?;
-        if manifest.format_version != study::FORMAT_VERSION {
-            let problem = format!(
-                "has format_version {}, and this program reads {}",
-                manifest.format_version,
-                study::FORMAT_VERSION
-            );
-            return Err(ReportError::new(&path, problem));
-        }
+        let manifest = Manifest::read(folder)?;
         let trials = read_trials(folder, &manifest)?;
         let configs: Vec<ConfigReport> = trials.iter().map(|trials| config_report(trials)).collect();
         let report = StudyReport {
             format_version: FORMAT_VERSION,
             kind: "study",
             threshold: THRESHOLD,
-            trials: manifest.seeds.clone().count().saturating_mul(configs.len()),
+            trials: manifest.seeds.clone().count().saturating_mul(manifest.configs.len()),
             finished: trials.iter().map(Vec::len).sum(),
             failed: configs.iter().map(|config| config.failed).sum(),
+            failures: failures(trials.iter().flatten()),
             bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
             warnings: warnings(&manifest, &configs),
             comparisons: configs.iter().skip(1).map(|config| compare(config, &configs[0])).collect(),
@@ -183,8 +197,8 @@ pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
     Ok(Report { text: describe(&report), json: json!(report), files })
 }
 
-/// The finished trials of each config, in the order of their seeds.
-fn read_trials(folder: &Path, manifest: &Manifest) -> Result<Vec<Vec<Trial>>, ReportError> {
+/// The finished trials of each config that has any, in the order of their seeds.
+pub(super) fn read_trials(folder: &Path, manifest: &Manifest) -> Result<Vec<Vec<Trial>>, ReportError> {
     let mut groups = Vec::new();
     for (i, Named { name, .. }) in manifest.configs.iter().enumerate() {
         let mut trials = Vec::new();
@@ -193,38 +207,49 @@ fn read_trials(folder: &Path, manifest: &Manifest) -> Result<Vec<Vec<Trial>>, Re
             let trial = read_trial(&trial_path(folder, (i, seed)), name, seed);
             trials.push(trial.map_err(|error| ReportError::new(folder, error))?);
         }
-        if trials.is_empty() {
-            let problem = format!("no trial of config {name:?} is finished; run the study's command first");
-            return Err(ReportError::new(folder, problem));
-        }
         groups.push(trials);
+    }
+    groups.retain(|trials| !trials.is_empty());
+    if groups.is_empty() {
+        return Err(ReportError::new(folder, "no trial is finished yet; run the study's command first"));
     }
     Ok(groups)
 }
 
+/// What a reader must know of the numbers: one note for all configs that it is true of.
 fn warnings(manifest: &Manifest, configs: &[ConfigReport]) -> Vec<String> {
     let seeds = manifest.seeds.clone().count();
-    let mut warnings = Vec::new();
-    for ConfigReport { name, seeds: finished, failed, .. } in configs {
-        if *finished < seeds {
-            warnings.push(format!(
-                "{name}: {finished} of {seeds} seeds are finished; the study's command goes on"
-            ));
+    let mut notes: Vec<(String, Vec<&str>)> = Vec::new();
+    let mut add = |note: String, name| match notes.iter_mut().find(|(known, _)| *known == note) {
+        Some((_, names)) => names.push(name),
+        None => notes.push((note, vec![name])),
+    };
+    for Named { name, .. } in &manifest.configs {
+        let finished = configs.iter().find(|config| config.name == *name).map_or(0, |config| config.seeds);
+        if finished < seeds {
+            let note = format!(
+                "{finished} of {seeds} seeds are finished; the study's command, given again, trains the rest"
+            );
+            add(note, name.as_str());
         }
-        if *finished < LEAST_SEEDS {
-            warnings.push(format!(
-                "{name}: {finished} seeds are fewer than {LEAST_SEEDS}; an interval over so few would mislead, so there is none"
-            ));
-        }
-        if *failed > 0 {
-            warnings.push(format!("{name}: {failed} seeds failed in training and count with a score of 0"));
+        if (1..LEAST_SEEDS).contains(&finished) {
+            let note = format!(
+                "{finished} seeds are fewer than {LEAST_SEEDS}; an interval over so few would mislead, so there is none"
+            );
+            add(note, name.as_str());
         }
     }
-    warnings
+    let all = manifest.configs.len();
+    let sentence = |(note, names): &(String, Vec<&str>)| match names.len() {
+        count if count == all && all > 1 => format!("all {all} configs: {note}"),
+        count if count <= MAX_NAMED => format!("{}: {note}", names.join(", ")),
+        count => format!("{} and {} other configs: {note}", names[0], count - 1),
+    };
+    notes.iter().map(sentence).collect()
 }
 
 /// A policy's mean return; 0 where a failed run left none.
-fn score(policy: Option<&PolicyScore>) -> f64 {
+pub(super) fn score(policy: Option<&PolicyScore>) -> f64 {
     policy.map_or(0.0, |policy| policy.mean)
 }
 
@@ -323,7 +348,7 @@ fn compare(config: &ConfigReport, first: &ConfigReport) -> Comparison {
 }
 
 /// `value [low, high]`.
-fn shown(estimate: &Estimate, digits: usize) -> String {
+pub(super) fn shown(estimate: &Estimate, digits: usize) -> String {
     match (estimate.low, estimate.high) {
         (Some(low), Some(high)) => format!("{:.digits$} [{low:.digits$}, {high:.digits$}]", estimate.value),
         _ => format!("{:.digits$}", estimate.value),
@@ -338,95 +363,129 @@ fn share_shown(count: usize, share: &Estimate) -> String {
     }
 }
 
-/// The tables of a report: what the policies came to, and how they got there.
-pub(super) fn tables(report: &StudyReport) -> [Vec<Vec<String>>; 2] {
-    let row = |cells: &[&str]| cells.iter().map(ToString::to_string).collect::<Vec<String>>();
-    let steps = |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
-    let mut scores = vec![row(&[
-        "config",
-        "seeds",
-        "failed",
-        "final solved",
-        "best solved",
-        "final IQM",
-        "mean",
-        "median",
-    ])];
-    let mut courses = vec![row(&[
-        "config",
-        "solved after 10 %",
-        "50 %",
-        "90 % of seeds",
-        "never",
-        "area",
-        "retained",
-        "worst",
-        "collapses",
-    ])];
-    for config in &report.configs {
-        scores.push(vec![
-            config.name.clone(),
-            config.seeds.to_string(),
-            config.failed.to_string(),
-            share_shown(config.final_solved, &config.final_solved_share),
-            share_shown(config.best_solved, &config.best_solved_share),
-            shown(&config.final_iqm, 1),
-            shown(&config.final_mean, 1),
-            shown(&config.final_median, 1),
-        ]);
-        let StepsToSolve { q10, q50, q90, never, .. } = config.steps_to_solve;
-        let ConfigRetention { share, worst, collapses, collapsed_seeds, .. } = &config.retention;
-        courses.push(vec![
-            config.name.clone(),
-            steps(q10),
-            steps(q50),
-            steps(q90),
-            never.to_string(),
-            shown(&config.area_under_curve, 1),
-            share.map_or_else(|| "-".into(), |share| format!("{:.1} %", 100.0 * share)),
-            worst
-                .as_ref()
-                .map_or_else(|| "-".into(), |worst| format!("{:.1} (seed {})", worst.mean, worst.seed)),
-            format!("{collapses} on {collapsed_seeds} seeds"),
-        ]);
+impl ConfigReport {
+    fn ranked(&self) -> Ranked {
+        Ranked {
+            name: self.name.clone(),
+            seeds: self.seeds,
+            failed: self.failed,
+            solved: self.final_solved,
+            iqm: self.final_iqm,
+            mean: self.final_mean.value,
+        }
     }
-    [scores, courses]
+
+    /// What the policies came to.
+    fn scores(&self) -> Vec<String> {
+        vec![
+            share_shown(self.final_solved, &self.final_solved_share),
+            share_shown(self.best_solved, &self.best_solved_share),
+            shown(&self.final_mean, 1),
+        ]
+    }
+
+    /// How they got there.
+    fn course(&self) -> Vec<String> {
+        let ConfigRetention { collapses, collapsed_seeds, .. } = &self.retention;
+        vec![
+            shown(&self.final_median, 1),
+            shown(&self.area_under_curve, 1),
+            format!("{collapses} on {collapsed_seeds}"),
+        ]
+    }
+
+    fn solutions(&self) -> Vec<String> {
+        let steps = |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
+        let StepsToSolve { q10, q50, q90, never, .. } = self.steps_to_solve;
+        let ConfigRetention { share, worst, .. } = &self.retention;
+        let share = share.map_or_else(|| "-".into(), |share| format!("{:.1} %", 100.0 * share));
+        let worst = worst.as_ref();
+        let worst = worst.map_or_else(|| "-".into(), |worst| format!("{:.1}", worst.mean));
+        vec![steps(q10), steps(q50), steps(q90), never.to_string(), share, worst]
+    }
 }
 
-/// What is said of each config against the first.
-pub(super) fn comparisons(report: &StudyReport) -> Vec<String> {
-    let sentence = |comparison: &Comparison| {
-        let Comparison { config, against, probability_of_improvement, iqm_difference } = comparison;
-        format!(
-            "{config} against {against}: probability of improvement {}, difference of IQMs {}",
-            shown(probability_of_improvement, 3),
-            shown(iqm_difference, 1)
-        )
+/// A table and what it shows.
+pub(super) struct Table {
+    pub(super) title: String,
+    pub(super) rows: Vec<Vec<String>>,
+}
+
+/// The tables of a report, the best config first in each.
+pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
+    let configs = &report.configs;
+    let ranked: Vec<Ranked> = configs.iter().map(ConfigReport::ranked).collect();
+    let order = ranking::order(ranked.iter());
+    let table = |title: &str, heading: &[&str], cells: &dyn Fn(usize) -> Option<Vec<String>>| {
+        let mut rows = vec![["rank", "config"].iter().chain(heading).map(ToString::to_string).collect()];
+        for (rank, &i) in order.iter().enumerate() {
+            let name = [(rank + 1).to_string(), visible(&configs[i].name)];
+            rows.extend(cells(i).map(|cells| [&name[..], &cells].concat()));
+        }
+        Table { title: title.into(), rows }
     };
-    report.comparisons.iter().map(sentence).collect()
+    let mut tables = vec![
+        Table { title: ranking::HEADING.into(), rows: ranking::rows(order.iter().map(|&i| &ranked[i])) },
+        table(
+            "How many seeds solved, and the mean over the seeds:",
+            &["final solved", "best solved", "mean"],
+            &|i| Some(configs[i].scores()),
+        ),
+        table(
+            "Median over the seeds, area under the learning curve, and how often a solution was lost, on how many seeds:",
+            &["median", "area", "collapses"],
+            &|i| Some(configs[i].course()),
+        ),
+        table(
+            "Steps before the first evaluation during training that solved, after which 10, 50 and 90 % of the seeds had \
+             one; how many seeds had none; the share of later evaluations that solved too, and the worst of them:",
+            &["10 %", "50 %", "90 %", "none", "retained", "worst"],
+            &|i| Some(configs[i].solutions()),
+        ),
+    ];
+    if let Some(Comparison { against, .. }) = report.comparisons.first() {
+        tables.push(table(
+            &format!(
+                "Against {}, the first config: probability that a seed of the config beats a seed of that one, and \
+                 difference of the IQMs:",
+                shortened(&visible(against), MAX_NAME)
+            ),
+            &["P(better)", "difference"],
+            &|i| {
+                let comparison = report.comparisons.get(i.checked_sub(1)?)?;
+                Some(vec![shown(&comparison.probability_of_improvement, 3), shown(&comparison.iqm_difference, 1)])
+            },
+        ));
+    }
+    tables
 }
 
 /// What the tables mean.
-pub(super) fn footnote() -> String {
+pub(super) fn footnote(has_intervals: bool) -> String {
+    let intervals = if has_intervals { " In brackets: 95 % intervals over training seeds." } else { "" };
     format!(
-        "Solved: mean return ≥ {THRESHOLD} over eval's {} episodes. In brackets: 95 % intervals over training seeds.",
+        "Solved: mean return ≥ {THRESHOLD} over the {} episodes that eval plays; an evaluation during training plays \
+         others, and can solve where they do not. IQM: the mean without the best and the worst quarter of the seeds.{intervals}",
         study::SCORE_EPISODES
     )
 }
 
+/// The notes below the tables.
+pub(super) fn remarks(report: &StudyReport) -> Vec<String> {
+    let mut remarks = failure_lines(&report.failures, report.finished);
+    remarks.extend(report.warnings.iter().map(|warning| format!("note: {}", visible(warning))));
+    remarks.push(footnote(report.configs.iter().any(|config| config.final_iqm.low.is_some())));
+    remarks
+}
+
 fn describe(report: &StudyReport) -> String {
-    let [scores, courses] = tables(report);
-    let mut text = format!("{}\n{}", table(&scores), table(&courses));
-    for sentence in comparisons(report) {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "\n{sentence}");
-    }
-    if !report.comparisons.is_empty() {
+    let mut text = String::new();
+    for (i, Table { title, rows }) in tables(report).iter().enumerate() {
+        text += &wrapped(title, 0);
+        // The first has every name in full.
+        text += &if i == 0 { named_table(rows) } else { table(rows) };
         text.push('\n');
     }
-    for warning in &report.warnings {
-        let _ = write!(text, "\nnote: {warning}");
-    }
-    let _ = write!(text, "\n{}\n", footnote());
+    remarks(report).iter().for_each(|remark| text += &wrapped(remark, 0));
     text
 }

@@ -2,7 +2,13 @@
 
 use std::fmt::Write;
 
+use crate::text::{lines, shortened, visible};
+
 const LEGEND_LINE: f64 = 18.0;
+/// Widest line of text in a plot, in characters.
+const LINE: usize = 84;
+/// Pixels of an axis that a number takes with some air.
+const TICK: (f64, f64) = (48.0, 32.0);
 
 /// The size of a plot in pixels, and what surrounds its axes.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +43,12 @@ impl Shape {
     /// The same, half as high.
     pub(super) const fn low(self) -> Self {
         Self { height: self.height / 2.0, bottom: 28.0, ..self }
+    }
+
+    /// High enough for so many rows, each with a name above where the plot is labelled.
+    pub(super) fn for_rows(self, rows: usize) -> Self {
+        let row = if self.labelled { 36.0 } else { 14.0 };
+        Self { height: self.height.max(self.top + self.bottom + row * rows as f64), ..self }
     }
 }
 
@@ -90,7 +102,7 @@ impl Plot {
         let widened = |(low, high): (f64, f64)| (low, if high > low { high } else { low + 1.0 });
         Self {
             shape,
-            title: escaped(title),
+            title: escaped(&shortened(&visible(title), LINE)),
             labels: [escaped(x_label), escaped(y_label)],
             x: widened(x),
             y: widened(y),
@@ -142,6 +154,11 @@ impl Plot {
     }
 
     fn line_of_width(&mut self, series: usize, points: &[(f64, f64)], width: &str) {
+        if let [point] = points {
+            // A line through one point has no length.
+            let ((x, y), colour) = (self.place(*point), colour(series));
+            let _ = writeln!(self.marks, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3" fill="{colour}"/>"#);
+        }
         let path = self.path(points.iter().copied());
         let _ = writeln!(
             self.marks,
@@ -185,7 +202,7 @@ impl Plot {
             self.marks,
             r#"<text x="{:.1}" y="{above:.1}">{}</text>"#,
             self.shape.left + 8.0,
-            escaped(text)
+            escaped(&shortened(&visible(text), LINE))
         );
     }
 
@@ -201,24 +218,27 @@ impl Plot {
         );
     }
 
-    /// A line of the legend, below the plot.
+    /// An entry of the legend, below the plot.
     pub(super) fn legend(&mut self, series: usize, text: &str) {
-        self.legend.push((series, escaped(text)));
+        self.legend.push((series, visible(text)));
     }
 
     fn drawn_legend(&self) -> String {
         let mut legend = String::new();
         let Shape { height, left, .. } = self.shape;
-        for (line, (series, text)) in self.legend.iter().enumerate() {
-            let y = height + LEGEND_LINE * line as f64;
+        let mut y = height;
+        for (series, text) in &self.legend {
             let _ = writeln!(
                 legend,
-                r#"<path d="M{left},{y}h24" stroke="{}" stroke-width="3"{}/><text x="{}" y="{}">{text}</text>"#,
+                r#"<path d="M{left},{y}h24" stroke="{}" stroke-width="3"{}/>"#,
                 colour(*series),
-                dashes(*series),
-                left + 32.0,
-                y + 4.0,
+                dashes(*series)
             );
+            for line in lines(text, LINE) {
+                let (x, baseline) = (left + 32.0, y + 4.0);
+                let _ = writeln!(legend, r#"<text x="{x}" y="{baseline}">{}</text>"#, escaped(&line));
+                y += LEGEND_LINE;
+            }
         }
         legend
     }
@@ -234,7 +254,8 @@ impl Plot {
                 caption,
                 r#" <span><svg viewBox="0 0 24 6"><path d="M0,3h24" stroke="{}" stroke-width="3"{}/></svg> {text}</span>"#,
                 colour(*series),
-                dashes(*series)
+                dashes(*series),
+                text = escaped(text)
             );
         }
         caption
@@ -244,18 +265,20 @@ impl Plot {
         let mut axes = String::new();
         let (left, bottom) = self.place((self.x.0, self.y.0));
         let (right, top) = self.place((self.x.1, self.y.1));
-        for tick in ticks(self.x, 5.0) {
+        let most = ((self.shape.width - self.shape.left - self.shape.right) / TICK.0).min(10.0);
+        let x_ticks = ticks(self.x, most);
+        for (&tick, text) in x_ticks.iter().zip(numbers(&x_ticks)) {
             let (x, _) = self.place((tick, 0.0));
             let _ = writeln!(
                 axes,
-                r##"<path d="M{x:.1},{top:.1}V{bottom:.1}" stroke="{GRID}"/><text x="{x:.1}" y="{:.1}" text-anchor="middle">{}</text>"##,
+                r##"<path d="M{x:.1},{top:.1}V{bottom:.1}" stroke="{GRID}"/><text x="{x:.1}" y="{:.1}" text-anchor="middle">{text}</text>"##,
                 bottom + 18.0,
-                number(tick)
             );
         }
-        for tick in self.y_tick_values() {
+        let y_ticks = self.y_tick_values();
+        for (&tick, text) in y_ticks.iter().zip(numbers(&y_ticks)) {
             let (_, y) = self.place((0.0, tick));
-            let text = if self.is_logarithmic { format!("1e{tick}") } else { number(tick) };
+            let text = if self.is_logarithmic { format!("1e{tick}") } else { text };
             let _ = writeln!(
                 axes,
                 r##"<path d="M{left:.1},{y:.1}H{right:.1}" stroke="{GRID}"/><text x="{:.1}" y="{:.1}" text-anchor="end">{text}</text>"##,
@@ -271,8 +294,11 @@ impl Plot {
     }
 
     fn y_tick_values(&self) -> Vec<f64> {
-        let count = if self.shape.height < Shape::NARROW.height { 2.0 } else { 5.0 };
-        let mut values = if self.y_ticks { ticks(self.y, count) } else { Vec::new() };
+        if !self.y_ticks {
+            return Vec::new();
+        }
+        let most = ((self.shape.height - self.shape.top - self.shape.bottom) / TICK.1).min(10.0);
+        let mut values = ticks(self.y, most);
         values.retain(|tick| !self.is_logarithmic || tick.fract() == 0.0);
         values
     }
@@ -291,7 +317,8 @@ impl Plot {
                 self.title,
                 self.drawn_legend()
             );
-            (plot_height + LEGEND_LINE * self.legend.len() as f64, around)
+            let legend = self.legend.iter().map(|(_, text)| lines(text, LINE).len()).sum::<usize>();
+            (plot_height + LEGEND_LINE * legend as f64, around)
         } else {
             (plot_height, String::new())
         };
@@ -322,34 +349,86 @@ fn dashes(series: usize) -> String {
     }
 }
 
-/// At least `count` round numbers in a range and about so many: multiples of 1, 2 or 5 times a power of ten.
-fn ticks((low, high): (f64, f64), count: f64) -> Vec<f64> {
-    let rough = (high - low) / count;
-    let mut power = 1.0;
-    while power * 10.0 <= rough {
-        power *= 10.0;
-    }
-    while power > rough {
-        power /= 10.0;
-    }
-    let step = [10.0, 5.0, 2.0]
-        .map(|factor| factor * power)
-        .into_iter()
-        .filter(|&step| step <= rough)
-        .fold(power, f64::max);
-    let first = (low / step).ceil() as i64;
+/// Round numbers in a range, multiples of 1, 2 or 5 times a power of ten, in at most so many steps.
+fn ticks((low, high): (f64, f64), most: f64) -> Vec<f64> {
+    let least = (high - low) / most.max(1.0);
+    let power = libm::pow(10.0, libm::log10(least).floor());
+    let rounded = [1.0, 2.0, 5.0].map(|factor| factor * power).into_iter().find(|step| *step >= least);
+    let step = rounded.unwrap_or(10.0 * power);
+    let first = (low / step - 1e-9).ceil() as i64;
     let last = (high / step + 1e-9).floor() as i64;
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
-/// A tick's number without the noise of its last bits.
-fn number(value: f64) -> String {
-    let text = format!("{value:.4}");
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+/// The numbers of an axis as they are written there: `50k`, `1.5M`, where any has five digits or more.
+fn numbers(ticks: &[f64]) -> Vec<String> {
+    let largest = ticks.iter().fold(0.0_f64, |largest, tick| largest.max(tick.abs()));
+    ticks.iter().map(|&tick| number(tick, largest)).collect()
+}
+
+fn number(value: f64, largest: f64) -> String {
+    const UNITS: [(f64, &str); 4] = [(1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")];
+    if value == 0.0 {
+        return "0".into();
+    }
+    if !(1e-2..1e15).contains(&largest) {
+        return format!("{value:.1e}").replace(".0e", "e");
+    }
+    let unit = UNITS.into_iter().find(|(unit, _)| largest >= 1e4 && value.abs() >= *unit);
+    let (unit, name) = unit.unwrap_or((1.0, ""));
+    let text = format!("{:.4}", value / unit);
+    format!("{}{name}", text.trim_end_matches('0').trim_end_matches('.'))
 }
 
 /// A text as the content of an element, or of an attribute in double quotes.
 pub(super) fn escaped(text: &str) -> String {
-    let text: String = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    visible(text).replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(end: f64, most: f64) -> Vec<String> {
+        numbers(&ticks((0.0, end), most))
+    }
+
+    #[test]
+    fn large_numbers_at_an_axis_are_short_and_never_too_many() {
+        assert_eq!(axis(1_000_000.0, 5.0), ["0", "200k", "400k", "600k", "800k", "1M"]);
+        assert_eq!(axis(12_000_000.0, 5.0), ["0", "5M", "10M"]);
+        assert_eq!(
+            axis(50_000.0, 10.0),
+            ["0", "5k", "10k", "15k", "20k", "25k", "30k", "35k", "40k", "45k", "50k"]
+        );
+        assert_eq!(axis(7000.0, 10.0), ["0", "1000", "2000", "3000", "4000", "5000", "6000", "7000"]);
+        assert_eq!(axis(1.02, 5.0), ["0", "0.5", "1"]);
+        assert_eq!(numbers(&ticks((-2.0, 2.0), 5.0)), ["-2", "-1", "0", "1", "2"]);
+        // No label may stand out of the narrow plot, whose margin takes six characters.
+        assert_eq!(numbers(&ticks((-1e-3, 0.0), 3.0)), ["-1e-3", "-5e-4", "0"]);
+        let mut end = 1e-7;
+        while end < 1e19 {
+            let numbers = axis(end, 5.0);
+            assert!((2..=6).contains(&numbers.len()), "{end}: {numbers:?}");
+            assert!(numbers.iter().all(|number| number.len() <= 6), "{end}: {numbers:?}");
+            end *= 1.37;
+        }
+    }
+
+    #[test]
+    fn one_point_is_seen() {
+        let mut plot = Plot::new(Shape::WIDE, "one", ["x", "y"], (0.0, 10.0), (0.0, 1.0));
+        plot.line(0, &[(5.0, 0.5)]);
+        assert_eq!(plot.finish().matches("<circle").count(), 1);
+    }
+
+    #[test]
+    fn a_legend_of_any_length_stays_in_the_plot() {
+        let mut plot = Plot::new(Shape::FILE, &"t".repeat(200), ["x", "y"], (0.0, 10.0), (0.0, 1.0));
+        plot.legend(0, &"n".repeat(200));
+        let svg = plot.finish();
+        let texts = svg.split('>').filter_map(|piece| piece.strip_suffix("</text"));
+        assert!(texts.map(|text| text.chars().count()).all(|length| length <= LINE), "{svg}");
+        assert!(svg.contains(r#"height="454""#), "three more lines: {svg}");
+    }
 }

@@ -1,4 +1,4 @@
-//! Progress on stderr: a bar on a terminal, elsewhere a plain line now and then.
+//! Progress on stderr: a bar on a terminal, elsewhere a plain line now and then, or a line per episode.
 
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
@@ -16,49 +16,57 @@ const LINE_INTERVAL: Duration = Duration::from_secs(2);
 pub struct Console {
     bar: ProgressBar,
     budget: Budget,
-    start: Instant,
-    /// Environment steps before it.
-    start_steps: u64,
+    /// When the first episode with learning ended, and the environment steps until then: steps without learning are no
+    /// measure of what follows.
+    learning: Option<(Instant, u64)>,
     last_line: Option<Instant>,
     episode: String,
     evaluation: String,
+    details: String,
 }
 
 impl Console {
-    /// A display for a run with this budget that goes on after `start_steps` environment steps.
+    /// A display for a run with this budget that is at `start_steps` environment steps.
     pub fn new(budget: Budget, start_steps: u64) -> Self {
         let (length, unit) = match budget {
             Budget::Steps(steps) => (steps, "step"),
             Budget::Episodes(episodes) => (episodes, "episode"),
         };
         // Two lines, so that 40 columns are enough; `wide_msg` is cut where the terminal is narrower.
-        let template =
-            format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{prefix}} steps/s eta {{eta}}\n{{wide_msg}}");
-        let bar = ProgressBar::new(length).with_prefix("0");
+        let template = format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{prefix}}eta {{eta}}\n{{wide_msg}}");
+        let bar = ProgressBar::new(length);
         if let Ok(style) = ProgressStyle::with_template(&template) {
             bar.set_style(style);
+        }
+        if let Budget::Steps(_) = budget {
+            bar.set_position(start_steps);
+            bar.reset_eta();
         }
         Self {
             bar,
             budget,
-            start: Instant::now(),
-            start_steps,
+            learning: None,
             last_line: None,
             episode: String::new(),
             evaluation: String::new(),
+            details: String::new(),
         }
     }
 
     fn show(&mut self, env_steps: u64, episodes: Option<u64>, line_is_due: bool) {
-        let steps = env_steps.saturating_sub(self.start_steps);
-        let steps_per_second = steps as f64 / self.start.elapsed().as_secs_f64().max(1e-9);
-        let message = format!("{}{}", self.evaluation, self.episode);
+        let speed = self.learning.filter(|(_, start)| env_steps > *start).map(|(since, start)| {
+            let seconds = since.elapsed().as_secs_f64().max(1e-9);
+            format!("{:.0} steps/s", (env_steps - start) as f64 / seconds)
+        });
+        let Self { episode, evaluation, details, .. } = self;
+        let separator = if episode.is_empty() || evaluation.is_empty() { "" } else { ", " };
+        let message = format!("return: {episode}{separator}{evaluation}{details}");
         if self.bar.is_hidden() {
             if line_is_due && self.last_line.is_none_or(|last| last.elapsed() >= LINE_INTERVAL) {
                 self.last_line = Some(Instant::now());
+                let speed = speed.map_or(String::new(), |speed| format!(" | {speed}"));
                 // A closed stderr is no reason to stop a run.
-                let _ =
-                    writeln!(io::stderr(), "step {env_steps} | {message} | {steps_per_second:.0} steps/s");
+                let _ = writeln!(io::stderr(), "step {env_steps} | {message}{speed}");
             }
             return;
         }
@@ -66,7 +74,7 @@ impl Console {
             Budget::Steps(_) => self.bar.set_position(env_steps),
             Budget::Episodes(_) => episodes.into_iter().for_each(|episodes| self.bar.set_position(episodes)),
         }
-        self.bar.set_prefix(format!("{steps_per_second:.0}"));
+        self.bar.set_prefix(speed.map_or(String::new(), |speed| speed + " "));
         self.bar.set_message(message);
     }
 }
@@ -74,13 +82,18 @@ impl Console {
 impl EventSink for Console {
     fn emit(&mut self, event: &Event) -> io::Result<()> {
         match *event {
-            Event::Episode { env_steps, episode, mean_return_100, epsilon, loss, .. } => {
-                let loss = loss.map_or_else(|| "-".to_owned(), |loss| format!("{loss:.3}"));
-                self.episode = format!("return {mean_return_100:.1} ε {epsilon:.2} loss {loss}");
+            Event::Episode { env_steps, episode, mean_return_100, epsilon, loss, updates, .. } => {
+                if updates > 0 && self.learning.is_none() {
+                    self.learning = Some((Instant::now(), env_steps));
+                    self.bar.reset_eta();
+                }
+                let loss = loss.map_or_else(String::new, |loss| format!(" | loss {loss:.3}"));
+                self.episode = format!("train {mean_return_100:.1}");
+                self.details = format!(" | ε {epsilon:.2}{loss}");
                 self.show(env_steps, Some(episode + 1), false);
             }
             Event::Evaluation { env_steps, mean, .. } => {
-                self.evaluation = format!("eval {mean:.0} ");
+                self.evaluation = format!("eval {mean:.1}");
                 self.show(env_steps, None, true);
             }
             Event::Statistics { .. } => {}
@@ -94,5 +107,38 @@ impl EventSink for Console {
 impl Drop for Console {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
+    }
+}
+
+/// Prints a line for every so many episodes, as the tutorial does.
+#[derive(Debug)]
+pub struct EpisodeLog {
+    /// Empty where the budget does not count episodes.
+    of_total: String,
+    every: u64,
+}
+
+impl EpisodeLog {
+    /// A line for every `every` episodes of a run with this budget.
+    pub fn new(budget: Budget, every: u64) -> Self {
+        let of_total = match budget {
+            Budget::Steps(_) => String::new(),
+            Budget::Episodes(episodes) => format!("/{episodes}"),
+        };
+        Self { of_total, every }
+    }
+}
+
+impl EventSink for EpisodeLog {
+    fn emit(&mut self, event: &Event) -> io::Result<()> {
+        if let Event::Episode { episode, return_, epsilon, .. } = *event
+            && (episode + 1).is_multiple_of(self.every)
+        {
+            let (number, of_total) = (episode + 1, &self.of_total);
+            // A closed stderr is no reason to stop a run.
+            let _ =
+                writeln!(io::stderr(), "episode {number}{of_total}  return {return_}  epsilon {epsilon:.2}");
+        }
+        Ok(())
     }
 }

@@ -1,11 +1,20 @@
 //! `metrics.jsonl`: one event a line.
 
 use std::fs::{File, TryLockError};
-use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::thread;
+use std::time::Duration;
 
-use crate::files::open_ordinary;
+use crate::files::{is_at, open_ordinary};
 use crate::trainer::event::{Event, EventSink};
+
+/// Most bytes of a line that are read at once; an event has less than a thousand.
+const MAX_LINE: u64 = 1 << 20;
+/// How often the file's lock is asked for, and the time between. The command `runs` has the lock for microseconds, to see
+/// whether somebody trains; a process that trains keeps it.
+const ATTEMPTS: u32 = 5;
+const PAUSE: Duration = Duration::from_millis(10);
 
 /// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take. As
 /// long as it is there no other process gets hold of the file.
@@ -15,22 +24,35 @@ pub struct JsonLines {
 }
 
 impl JsonLines {
-    /// Opens the file, or makes it; [`Self::cut`] says where it goes on.
+    /// Opens the file that is there; [`Self::cut`] says where it goes on.
     ///
     /// # Errors
     /// When that fails; [`io::ErrorKind::WouldBlock`] when another process has the file.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let mut options = File::options();
-        options.read(true).write(true);
-        let file = match open_ordinary(&options, path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => options.create_new(true).open(path)?,
-            opened => opened?,
-        };
-        match file.try_lock() {
-            Err(TryLockError::WouldBlock) => Err(io::ErrorKind::WouldBlock.into()),
-            // A file system without locks is no reason to refuse.
-            Ok(()) | Err(TryLockError::Error(_)) => Ok(Self { file }),
+        Self::lock(open_ordinary(File::options().read(true).write(true), path)?, path)
+    }
+
+    /// Makes the file.
+    ///
+    /// # Errors
+    /// When that fails, also because it is there; [`io::ErrorKind::WouldBlock`] when another process already has it.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        Self::lock(File::options().read(true).write(true).create_new(true).open(path)?, path)
+    }
+
+    fn lock(file: File, path: &Path) -> io::Result<Self> {
+        for attempt in 0..ATTEMPTS {
+            if attempt > 0 {
+                thread::sleep(PAUSE);
+            }
+            match file.try_lock() {
+                Err(TryLockError::WouldBlock) => {}
+                // A file system without locks is no reason to refuse.
+                Ok(()) | Err(TryLockError::Error(_)) if is_at(&file, path)? => return Ok(Self { file }),
+                Ok(()) | Err(TryLockError::Error(_)) => break,
+            }
         }
+        Err(io::ErrorKind::WouldBlock.into())
     }
 
     /// Removes what follows the first `lines` lines; false, and no change, if there are fewer whole ones.
@@ -54,6 +76,26 @@ impl JsonLines {
         self.file.set_len(length)?;
         self.file.seek(SeekFrom::End(0))?;
         Ok(true)
+    }
+}
+
+impl JsonLines {
+    /// Tells a sink the events that are in the file, lines that are none apart.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or the sink fails.
+    pub fn replay(&mut self, sink: &mut dyn EventSink) -> io::Result<()> {
+        self.file.rewind()?;
+        let mut reader = BufReader::new(&self.file);
+        let mut line = Vec::new();
+        while (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)? > 0 {
+            if let Ok(event) = serde_json::from_slice(&line) {
+                sink.emit(&event)?;
+            }
+            line.clear();
+        }
+        self.file.seek(SeekFrom::End(0))?;
+        Ok(())
     }
 }
 

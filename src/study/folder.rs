@@ -9,8 +9,10 @@ use serde_json::{Value, json};
 use super::{Study, Trial};
 use crate::config::difference;
 use crate::files::{
-    is_unfinished, open_ordinary, read_text_limited, remove_unfinished, write_json, write_whole,
+    create_folders, is_at, is_unfinished, open_ordinary, read_text_limited, remove_empty, remove_unfinished,
+    write_json, write_json_new, write_whole,
 };
+use crate::text::shown;
 
 /// Name of the file that says what a study runs.
 pub const MANIFEST: &str = "study.json";
@@ -22,7 +24,7 @@ const MAX_FILE_SIZE: u64 = 1 << 26;
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
     /// The folder cannot be used.
-    #[error("folder {} {problem}", path.display())]
+    #[error("directory {} {problem}", shown(path))]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -30,15 +32,26 @@ pub enum StudyError {
         problem: String,
     },
     /// A trial's file is not one.
-    #[error("{} is not a trial of this study: {problem}; remove the file, and the study runs it again", path.display())]
+    #[error(
+        "{} is not a trial of this study: {problem}; remove the file, and the study trains it again",
+        shown(path)
+    )]
     Trial {
         /// The file.
         path: PathBuf,
         /// Why.
         problem: String,
     },
+    /// The folder cannot be written.
+    #[error("cannot write {}: {source}; choose another --out", path.display())]
+    Unwritable {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// A trial cannot be written.
-    #[error("cannot write {}: {source}; the same command goes on from here", path.display())]
+    #[error("cannot write {}: {source}; the same command resumes the study", shown(path))]
     Write {
         /// The file.
         path: PathBuf,
@@ -86,14 +99,22 @@ impl StudyDir {
     /// When there is something else in the folder, another study included, or it cannot be written.
     pub fn open(path: &Path, study: &Study) -> Result<Self, StudyError> {
         let bad = |problem| StudyError::Folder { path: path.into(), problem };
-        let unwritable = |error: io::Error| bad(format!("cannot be written: {error}; choose another --out"));
+        let unwritable = |source: io::Error| StudyError::Unwritable { path: path.into(), source };
         let manifest = path.join(MANIFEST);
         if is_free(path).map_err(bad)? {
-            fs::create_dir_all(path).and_then(|()| write_json(&manifest, study)).map_err(unwritable)?;
+            let made = create_folders(path).map_err(unwritable)?;
+            match write_json_new(&manifest, study) {
+                // Another process was faster; whether it runs the same study is seen below.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                written => written.map_err(|error| {
+                    remove_empty(&made);
+                    unwritable(error)
+                })?,
+            }
         }
         let (mut locked, text) = lock(&manifest).map_err(bad)?;
         let found = serde_json::from_str(&text).map_err(|error| {
-            bad(format!("has a {MANIFEST} that is no study: {error}; choose another --out"))
+            bad(format!("has a {MANIFEST} that does not describe a study: {error}; choose another --out"))
         })?;
         if more_seeds(&found, study).map_err(bad)? {
             write_json(&manifest, study).map_err(unwritable)?;
@@ -146,7 +167,7 @@ pub fn read_trial(path: &Path, config: &str, seed: u64) -> Result<Trial, StudyEr
     let text = read_text_limited(path, MAX_FILE_SIZE).map_err(|error| bad(error.to_string()))?;
     let trial: Trial = serde_json::from_str(&text).map_err(|error| bad(error.to_string()))?;
     if trial.config != config || trial.seed != seed {
-        return Err(bad(format!("it is that of config {:?}, seed {}", trial.config, trial.seed)));
+        return Err(bad(format!("it belongs to config {:?}, seed {}", trial.config, trial.seed)));
     }
     if !trial.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
         return Err(bad("its evaluations are not in the order of their steps".into()));
@@ -167,7 +188,7 @@ fn is_free(path: &Path) -> Result<bool, String> {
     } else if path.join(MANIFEST).is_file() {
         Ok(false)
     } else {
-        Err(format!("is not empty and has no {MANIFEST} of a study; choose another --out"))
+        Err(format!("is not empty and does not hold a study (no {MANIFEST}); choose another --out"))
     }
 }
 
@@ -175,15 +196,19 @@ fn is_free(path: &Path) -> Result<bool, String> {
 fn lock(manifest: &Path) -> Result<(File, String), String> {
     let unreadable = |error: io::Error| format!("has a {MANIFEST} that cannot be read: {error}");
     let file = open_ordinary(File::options().read(true), manifest).map_err(unreadable)?;
-    // A file system without locks is no reason to refuse.
-    if let Err(TryLockError::WouldBlock) = file.try_lock() {
-        return Err("is in use: another process runs this study; wait for it or choose another --out".into());
+    // A file system without locks is no reason to refuse. Who replaces the manifest has the lock of the old one.
+    let is_taken = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
+    if is_taken || !is_at(&file, manifest).map_err(unreadable)? {
+        return Err(
+            "is in use by another process that runs this study; wait until it ends, or choose another --out"
+                .into(),
+        );
     }
     let text = read_text_limited(manifest, MAX_FILE_SIZE).map_err(unreadable)?;
     Ok((file, text))
 }
 
-/// Whether a study goes on from the manifest `found` with more seeds; an error if it is another study.
+/// Whether a study is that of the manifest `found` with more seeds; an error if it is another study.
 fn more_seeds(found: &Value, study: &Study) -> Result<bool, String> {
     let mut given = json!(study);
     let bound = |name: &str| found["seeds"][name].as_u64();
@@ -195,8 +220,8 @@ fn more_seeds(found: &Value, study: &Study) -> Result<bool, String> {
     match difference("", found, &given) {
         None => Ok(grows),
         Some(difference) => Err(format!(
-            "holds another study: {difference}. Repeat its command, with more seeds at the end if you like, \
-             or choose another --out"
+            "holds another study: {difference}. To continue that study, repeat its command, which may add seeds at the end. \
+             Otherwise choose another --out"
         )),
     }
 }

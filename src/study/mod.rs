@@ -1,6 +1,6 @@
 //! Many runs: every config of a study with every seed, on all cores, one file per trial.
 //!
-//! A trial is a function of its config and seed alone, so the folder that a study leaves depends neither on the number
+//! A trial is a function of its config and seed alone, so the directory that a study leaves depends neither on the number
 //! of threads nor on how often it was stopped on the way.
 
 mod folder;
@@ -59,23 +59,30 @@ impl Study {
 
 impl StudyDir {
     /// Runs the trials that have no file yet on `jobs` threads and shows each to `done`, in the order in which they end.
+    /// Once `stop` is set, no trial begins, and those that have begun are dropped without a file.
     ///
     /// # Errors
     /// When a trial cannot be written; trials that have begun are still finished. A trial that fails is no error.
-    pub fn run(&self, study: &Study, jobs: usize, mut done: impl FnMut(&Trial)) -> Result<(), StudyError> {
+    pub fn run(
+        &self,
+        study: &Study,
+        jobs: usize,
+        stop: &AtomicBool,
+        mut done: impl FnMut(&Trial),
+    ) -> Result<(), StudyError> {
         let pending: Vec<_> = study.trials().filter(|&trial| !self.has(trial)).collect();
         let next = AtomicUsize::new(0);
-        let stop = AtomicBool::new(false);
+        let failed = AtomicBool::new(false);
         let (sender, finished) = mpsc::channel();
         thread::scope(|scope| {
             for _ in 0..jobs.min(pending.len()) {
                 let sender = sender.clone();
                 scope.spawn(|| {
                     let sender = sender;
-                    while !stop.load(Ordering::Relaxed)
+                    while !failed.load(Ordering::Relaxed)
                         && let Some(&(config, seed)) = pending.get(next.fetch_add(1, Ordering::Relaxed))
+                        && let Some(trial) = Trial::run(&study.configs[config], seed, stop)
                     {
-                        let trial = Trial::run(&study.configs[config], seed);
                         let written = self.write((config, seed), &trial).map(|()| trial);
                         // The receiver outlives the threads.
                         let _ = sender.send(written);
@@ -88,7 +95,7 @@ impl StudyDir {
                 match written {
                     Ok(trial) => done(&trial),
                     Err(error) => {
-                        stop.store(true, Ordering::Relaxed);
+                        failed.store(true, Ordering::Relaxed);
                         result = result.and(Err(error));
                     }
                 }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::NamedConfig;
 use crate::env::{CartPole, Environment, TimeLimit};
 use crate::nn::Mlp;
-use crate::trainer::{Evaluation, Event, EventSink, Score, Trainer, evaluate};
+use crate::trainer::{EndReason, Evaluation, Event, EventSink, Score, Trainer, evaluate};
 
 /// Gymnasium seed of the first episode that scores a policy, that of `eval`: not those that chose the best.
 pub const SCORE_SEED: u64 = 2_000_000;
@@ -67,13 +67,16 @@ impl PolicyScore {
 }
 
 impl Trial {
-    /// Trains the config with the seed and scores what it came to.
-    pub(super) fn run(named: &NamedConfig, seed: u64) -> Self {
+    /// Trains the config with the seed and scores what it came to; none if `stop` was set before that.
+    pub(super) fn run(named: &NamedConfig, seed: u64, stop: &AtomicBool) -> Option<Self> {
         let mut config = named.config.clone();
         config.seed = seed;
         let mut trainer = Trainer::new(config, CartPole::v1());
         let mut evaluations = Evaluations(Vec::new());
-        let ended = trainer.run(&mut evaluations, None, &AtomicBool::new(false));
+        let ended = trainer.run(&mut evaluations, None, stop);
+        if matches!(ended, Ok(EndReason::Interrupted)) {
+            return None;
+        }
         let Evaluations(evaluations) = evaluations;
 
         let progress = trainer.progress();
@@ -93,7 +96,7 @@ impl Trial {
             summary
         });
         let error = ended.err().map(|error| error.to_string());
-        Self { config: named.name.clone(), seed, error, summary, best, final_, evaluations }
+        Some(Self { config: named.name.clone(), seed, error, summary, best, final_, evaluations })
     }
 
     /// Whether the final policy solves CartPole-v1.

@@ -73,7 +73,7 @@ fn lockstep<E: Environment>(
     let mut policy = Greedy::new(network.clone(), playing.len());
     let (mut discount, mut starts) = (1.0, true);
     while !playing.is_empty() {
-        // Places of ended episodes are computed along until half of the batch is such.
+        // Ended episodes stay in the batch. It is rebuilt when half of it has ended.
         if playing.len() <= policy.batch() / 2 {
             policy = Greedy::new(network.clone(), playing.len());
         }
@@ -108,7 +108,7 @@ pub struct TraceStep<'a, O> {
     /// The action.
     pub action: usize,
     /// The policy's Q-values for the observation before the action; empty if it has none.
-    pub q_values: &'a [f32],
+    pub q_values: Vec<f32>,
     /// What the action brought.
     pub outcome: &'a Step<O>,
 }
@@ -156,13 +156,13 @@ pub struct Frame {
     pub q_values: Vec<f32>,
 }
 
-/// Plays one episode of a network's greedy policy and keeps it. The state of the last frame is in f32.
-pub fn record<E: Environment>(network: &Mlp<f32>, environment: E, seed: u64) -> Vec<Frame> {
+/// Plays one episode of a policy and keeps it. The state of the last frame is in f32.
+pub fn record<E: Environment>(policy: &mut impl Policy, environment: E, seed: u64) -> Vec<Frame> {
     let mut frames = Vec::new();
     let mut last = Vec::new();
-    let played = play(&mut Greedy::new(network.clone(), 1), environment, seed, |traced| {
+    let played = play(policy, environment, seed, |traced| {
         let TraceStep { state, action, q_values, outcome, .. } = traced;
-        frames.push(Frame { state: state.to_vec(), action: Some(action), q_values: q_values.to_vec() });
+        frames.push(Frame { state: state.to_vec(), action: Some(action), q_values });
         last = outcome.observation.as_ref().iter().map(|&value| f64::from(value)).collect();
         Ok::<_, Infallible>(())
     });
@@ -171,15 +171,6 @@ pub fn record<E: Environment>(network: &Mlp<f32>, environment: E, seed: u64) -> 
         Err(never) => match never {},
     }
     frames
-}
-
-/// A network's Q-values of some observations: (observation, action).
-pub fn q_values(network: &Mlp<f32>, observations: &[impl AsRef<[f32]>]) -> Vec<Vec<f64>> {
-    let actions = network.sizes().last().copied().unwrap_or_default();
-    let mut policy = Greedy::new(network.clone(), observations.len());
-    policy.see(observations.iter().map(AsRef::as_ref));
-    let of = |sample| (0..actions).map(|action| policy.q_value(sample, action)).collect();
-    (0..observations.len()).map(of).collect()
 }
 
 /// What a set of returns amounts to.

@@ -95,7 +95,7 @@ pub trait EventSink {
     /// When it cannot be written; the run then ends.
     fn emit(&mut self, event: &Event) -> io::Result<()>;
 
-    /// Makes what it has taken outlast a crash; called before every checkpoint, which counts on it.
+    /// Flushes all events to the disk. Called before every checkpoint, because resuming expects all earlier events there.
     ///
     /// # Errors
     /// When that fails; the run then ends.

@@ -2,6 +2,7 @@
 
 mod evaluate;
 pub mod event;
+mod saved;
 mod state;
 
 use std::io;
@@ -16,8 +17,9 @@ use crate::env::Environment;
 use crate::nn::Mlp;
 use crate::rng::{Rng, Stream};
 
-pub use evaluate::{Frame, Played, Score, TraceStep, evaluate, evaluate_discounted, play, q_values, record};
+pub use evaluate::{Frame, Played, Score, TraceStep, evaluate, evaluate_discounted, play, record};
 pub use event::{EndReason, Event, EventSink};
+pub use saved::SavedPolicy;
 pub use state::{Evaluation, Header, Progress, State, Summary};
 
 /// Name of the checkpoint with the best policy.
@@ -119,12 +121,19 @@ impl<E: Environment> Trainer<E> {
         }
     }
 
+    /// Lets a run before its first step begin with the weights of a policy of the same layer sizes, in both networks.
+    /// False if a weight leaves the finite under the config's observation scale.
+    #[must_use]
+    pub fn start_from(&mut self, policy: &Mlp<f32>) -> bool {
+        self.agent.set_policy(policy)
+    }
+
     /// Trains until the budget is used up, or the task is solved if that is to end the run. `checkpoints` is the
     /// folder for [`LAST`], [`PREVIOUS`] and [`BEST`]; it exists.
     ///
-    /// Once `stop` is set, the run writes [`LAST`] after the step that it is in and returns [`EndReason::Interrupted`]:
-    /// no evaluation, no event, so that the run that goes on from there is this one. For the same reason the last
-    /// checkpoint of a run that ends is that before its last evaluation: with a larger budget there is none there.
+    /// When `stop` is set, the run finishes the current step, writes [`LAST`] and returns [`EndReason::Interrupted`]. It
+    /// neither evaluates nor emits an event, so a resumed run repeats nothing. For the same reason the last checkpoint is
+    /// written *before* the final evaluation: a run with a larger budget would not evaluate at that step.
     ///
     /// # Errors
     /// When the numbers leave the finite, or a checkpoint or an event cannot be written. The files written
@@ -234,8 +243,8 @@ impl<E: Environment> Trainer<E> {
         written.map_err(|source| TrainError::Checkpoint { path, source })
     }
 
-    /// Writes [`LAST`] if it is not this one already. The one before becomes [`PREVIOUS`] if it was a periodic one: what
-    /// a run leaves must not show where it was stopped.
+    /// Writes [`LAST`] unless it already holds this step. The checkpoint that it replaces is kept as [`PREVIOUS`] only if
+    /// it was periodic. Otherwise the files would show where the run was interrupted.
     ///
     /// # Errors
     /// When a file cannot be written, or the sink cannot make its own last.

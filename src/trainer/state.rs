@@ -41,6 +41,10 @@ pub struct Progress {
     pub last_evaluation: Option<Evaluation>,
     /// Environment steps before the first evaluation that solved the task.
     pub solved_at_step: Option<u64>,
+    /// Environment steps after which a resumed run was given other schedules, the latest time: no single config repeats
+    /// it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub branched_at_step: Option<u64>,
     /// Events of the run so far, the lines of its `metrics.jsonl`.
     #[serde(default)]
     pub events: u64,
@@ -61,6 +65,12 @@ impl Progress {
             && self.recent_returns.len() <= RECENT_EPISODES
     }
 
+    /// Mean return of the last 100 training episodes, or of as many as there are; none before the first has ended.
+    pub fn mean_return_100(&self) -> Option<f64> {
+        let count = self.recent_returns.len();
+        (count > 0).then(|| self.recent_returns.iter().sum::<f64>() / count as f64)
+    }
+
     /// Whether the run has used a budget up.
     pub(super) fn uses_up(&self, budget: Budget) -> bool {
         match budget {
@@ -69,7 +79,7 @@ impl Progress {
         }
     }
 
-    /// Whether a run of that budget would have ended before.
+    /// Whether the run is already past this budget.
     fn exceeds(&self, budget: Budget) -> bool {
         match budget {
             Budget::Steps(steps) => self.env_steps > steps,
@@ -237,6 +247,7 @@ impl<E: Environment> Trainer<E> {
         if !state.progress.is_possible() || !environment.admits(&state.environment) {
             return Err(Problem::State);
         }
+        header.config.check_memory(1).map_err(Problem::Memory)?;
         let mut trainer = Self::new(header.config, environment);
         trainer.saved_at = Some(env_steps);
         // Format version 1 did not have it.
@@ -287,6 +298,24 @@ impl<E: Environment> Trainer<E> {
     }
 }
 
+impl<E: Environment> Trainer<E> {
+    /// Gives the run the schedules of ε and of the learning rate of another config, and that learning rate, from its
+    /// next step on. True if they are other ones and the run has begun: it is then a branch.
+    pub fn set_schedules(&mut self, config: &Config) -> bool {
+        let old = (self.config.optimizer, self.config.exploration);
+        self.config.optimizer.schedule = config.optimizer.schedule;
+        self.config.optimizer.learning_rate = config.optimizer.learning_rate;
+        self.config.exploration = config.exploration;
+        let env_steps = self.progress.env_steps;
+        if old == (self.config.optimizer, self.config.exploration) {
+            return false;
+        }
+        self.agent.set_schedules(&self.config.dqn(), env_steps);
+        self.progress.branched_at_step = (env_steps > 0).then_some(env_steps);
+        env_steps > 0
+    }
+}
+
 /// What a run came to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -308,6 +337,9 @@ pub struct Summary {
     pub solved_at_step: Option<u64>,
     /// SHA-256 over the online network's parameters, see [`weights_sha256`].
     pub weights_sha256: String,
+    /// Environment steps after which a resumed run was given other schedules.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub branched_at_step: Option<u64>,
     /// Duration of the training in seconds.
     pub wall_seconds: f64,
 }
@@ -316,7 +348,14 @@ impl<E: Environment> Trainer<E> {
     /// What the run came to.
     pub fn summary(&self, end_reason: EndReason, wall_seconds: f64) -> Summary {
         let Progress {
-            env_steps, episodes, updates, best_evaluation, last_evaluation, solved_at_step, ..
+            env_steps,
+            episodes,
+            updates,
+            best_evaluation,
+            last_evaluation,
+            solved_at_step,
+            branched_at_step,
+            ..
         } = self.progress;
         Summary {
             seed: self.config.seed,
@@ -328,6 +367,7 @@ impl<E: Environment> Trainer<E> {
             final_evaluation: last_evaluation,
             solved_at_step,
             weights_sha256: weights_sha256(&self.agent.online),
+            branched_at_step,
             wall_seconds,
         }
     }

@@ -11,6 +11,7 @@ use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LineGauge, Paragr
 
 use super::player::{Player, Task};
 use super::scene;
+use crate::agent::Greedy;
 use crate::env::{CartPole, Environment};
 use crate::nn::Mlp;
 use crate::trainer::event::Event;
@@ -127,6 +128,8 @@ impl Dashboard {
     }
 
     pub(super) fn set_policy(&mut self, policy: Mlp<f32>) {
+        // The dashboard shows no Q-value of the player, so its reward scale does not matter.
+        let policy = Greedy::new(policy, 1);
         match &mut self.player {
             Some(player) => player.set_policy(policy),
             None => self.player = Some(Player::new(policy, EVALUATION_SEED)),

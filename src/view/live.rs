@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::{self, JoinHandle};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
 
@@ -15,6 +15,20 @@ use super::{FRAME, NoView, Screen, is_quit};
 use crate::nn::Mlp;
 use crate::trainer::Budget;
 use crate::trainer::event::{Event, EventSink};
+
+/// A key that is held down is one wish to quit.
+const HELD: Duration = Duration::from_secs(1);
+
+/// What a view and the process's handlers of signals tell each other.
+#[derive(Clone, Debug, Default)]
+pub struct Interrupts {
+    /// Ends the run at its next step. Set by the first signal and by whoever quits the view.
+    pub stop: Arc<AtomicBool>,
+    /// Set by every signal, and taken back by the view.
+    pub arrived: Arc<AtomicBool>,
+    /// Whether the handlers end the process. The view sets it when it has given the terminal back.
+    pub at_once: Arc<AtomicBool>,
+}
 
 /// Shows a run in the terminal and holds it back to a pace.
 ///
@@ -35,11 +49,18 @@ enum Message {
 }
 
 impl Live {
-    /// Opens the view of a run. It sets `stop` when somebody quits.
+    /// Opens the view of a run. The first who quits stops the run at its next step; the second, for whom that takes too
+    /// long, is given the terminal back and calls `end_process`.
     ///
     /// # Errors
     /// There is no terminal, it is too small, or it fails.
-    pub fn open(name: &str, budget: Budget, pace: Pace, stop: &Arc<AtomicBool>) -> Result<Self, NoView> {
+    pub fn open(
+        name: &str,
+        budget: Budget,
+        pace: Pace,
+        interrupts: &Interrupts,
+        end_process: impl FnOnce() + Send + 'static,
+    ) -> Result<Self, NoView> {
         let screen = Screen::open()?;
         let shared = Arc::new(Shared::new(pace));
         close_in_panic(&shared);
@@ -49,14 +70,22 @@ impl Live {
             dashboard: Dashboard::new(name, budget),
             inbox,
             shared: Arc::clone(&shared),
-            stop: Arc::clone(stop),
+            interrupts: interrupts.clone(),
+            asked: None,
+            _closed: Closed(interrupts.clone()),
         };
-        let view = thread::Builder::new().name("view".into()).spawn(|| view.run())?;
+        let view = thread::Builder::new().name("view".into()).spawn(|| {
+            let end = view.run()?;
+            if matches!(end, End::AtOnce) {
+                end_process();
+            }
+            Ok(())
+        })?;
         Ok(Self {
             messages,
             brake: Brake::new(),
             shared,
-            stop: Arc::clone(stop),
+            stop: Arc::clone(&interrupts.stop),
             ended: false,
             view: Some(view),
         })
@@ -108,31 +137,60 @@ struct View {
     dashboard: Dashboard,
     inbox: Receiver<Message>,
     shared: Arc<Shared>,
-    stop: Arc<AtomicBool>,
+    interrupts: Interrupts,
+    /// When somebody first wanted to quit.
+    asked: Option<Instant>,
+    /// The last field, because it must be dropped after the screen.
+    _closed: Closed,
+}
+
+/// Why a view has closed.
+enum End {
+    /// There is nothing more to show.
+    Done,
+    /// Somebody does not want to wait for the next step.
+    AtOnce,
 }
 
 impl View {
-    fn run(mut self) -> io::Result<()> {
+    fn run(mut self) -> io::Result<End> {
         let mut last = Instant::now();
         loop {
             self.take_messages();
-            let stopped = self.stop.load(Ordering::Relaxed);
+            if self.interrupts.arrived.swap(false, Ordering::Relaxed) && self.quit(Duration::ZERO) {
+                return Ok(End::AtOnce);
+            }
+            let stopped = self.interrupts.stop.load(Ordering::Relaxed);
             if self.shared.closing.load(Ordering::SeqCst) || (stopped && self.dashboard.ended()) {
-                return Ok(());
+                return Ok(End::Done);
             }
             self.dashboard.advance(last.elapsed(), self.shared.allowed_steps.load(Ordering::Relaxed));
             last = Instant::now();
             let status = match self.shared.pace() {
                 _ if self.dashboard.ended() => "finished".into(),
-                _ if stopped => "stopping".into(),
+                _ if stopped => "stopping; q again ends at once".into(),
                 (pace, true) => format!("paused at {pace}"),
                 (pace, false) => pace.to_string(),
             };
             self.screen.draw(|frame| self.dashboard.draw(frame, &status))?;
             while let Some(key) = self.screen.key((2 * FRAME).saturating_sub(last.elapsed()))? {
-                self.press(key);
+                if is_quit(key) {
+                    if self.quit(HELD) {
+                        return Ok(End::AtOnce);
+                    }
+                } else {
+                    self.press(key);
+                }
             }
         }
+    }
+
+    /// Stops the run. Whether somebody has wanted that before, at least so long ago.
+    fn quit(&mut self, ago: Duration) -> bool {
+        self.interrupts.stop.store(true, Ordering::Relaxed);
+        let again = self.asked.is_some_and(|asked| asked.elapsed() >= ago);
+        self.asked.get_or_insert_with(Instant::now);
+        again
     }
 
     fn take_messages(&mut self) {
@@ -147,7 +205,6 @@ impl View {
     fn press(&self, key: KeyEvent) {
         let (pace, paused) = self.shared.pace();
         match key.code {
-            _ if is_quit(key) => self.stop.store(true, Ordering::Relaxed),
             KeyCode::Char('+' | '=') => self.shared.set_pace(pace.faster(), paused),
             KeyCode::Char('-') => self.shared.set_pace(pace.slower(), paused),
             KeyCode::Char('f') => self.shared.set_pace(Pace::FULL, false),
@@ -157,9 +214,13 @@ impl View {
     }
 }
 
-/// Also where the terminal has failed, or in a panic: nobody could see or stop the run any longer.
-impl Drop for View {
+/// Stops the run when its view is gone, also where the terminal has failed or in a panic: nobody could see or stop the
+/// run any longer. From then on the handlers of signals can end the process: there is no terminal to give back.
+struct Closed(Interrupts);
+
+impl Drop for Closed {
     fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
+        self.0.stop.store(true, Ordering::Relaxed);
+        self.0.at_once.store(true, Ordering::Relaxed);
     }
 }

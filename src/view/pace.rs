@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::env::CartPole;
 
-/// Simulated time per time, or as fast as it goes.
+/// Speed as a multiple of simulated time (1 is 50 steps a second), or unlimited.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace(f64);
 

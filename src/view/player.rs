@@ -2,7 +2,6 @@
 
 use crate::agent::{Greedy, Policy};
 use crate::env::{CartPole, Environment, Step, TimeLimit};
-use crate::nn::Mlp;
 use crate::rng::Rng;
 
 /// The task that is played.
@@ -22,7 +21,7 @@ pub(super) struct Player {
     pub(super) steps: u64,
     /// What the policy chooses next.
     pub(super) action: usize,
-    /// What it expects of each action.
+    /// What it expects of each action, in units of the environment's rewards.
     pub(super) q_values: [f32; 2],
     /// An action that somebody else has chosen, for as many steps.
     pub(super) push: Option<(usize, u32)>,
@@ -35,9 +34,9 @@ pub(super) struct Player {
 }
 
 impl Player {
-    pub(super) fn new(policy: Mlp<f32>, seed: u64) -> Self {
+    pub(super) fn new(policy: Greedy, seed: u64) -> Self {
         let mut player = Self {
-            policy: Greedy::new(policy, 1),
+            policy,
             environment: CartPole::v1(),
             observation: [0.0; 4],
             seed,
@@ -61,8 +60,8 @@ impl Player {
     }
 
     /// Lets another policy go on.
-    pub(super) fn set_policy(&mut self, policy: Mlp<f32>) {
-        self.policy = Greedy::new(policy, 1);
+    pub(super) fn set_policy(&mut self, policy: Greedy) {
+        self.policy = policy;
         self.see();
     }
 
@@ -116,7 +115,7 @@ mod tests {
     #[test]
     fn plays_the_episodes_that_an_evaluation_plays() {
         let expected = evaluate(&policy(), &CartPole::v1(), 7, 3);
-        let mut player = Player::new(policy(), 7);
+        let mut player = Player::new(Greedy::new(policy(), 1), 7);
         for (seed, expected) in (7..).zip(expected) {
             player.start(seed);
             assert_eq!(play_on(&mut player) as f64, expected);
@@ -126,8 +125,20 @@ mod tests {
     }
 
     #[test]
+    fn q_values_are_in_raw_rewards_and_the_scale_changes_no_action() {
+        let mut plain = Player::new(Greedy::new(policy(), 1), 7);
+        let mut scaled = Player::new(Greedy::new(policy(), 1).with_reward_scale(0.25), 7);
+        while plain.end.is_none() {
+            assert_eq!(scaled.q_values, plain.q_values.map(|q| 4.0 * q));
+            assert_eq!(scaled.action, plain.action);
+            plain.step();
+            scaled.step();
+        }
+    }
+
+    #[test]
     fn a_push_is_three_actions_of_the_one_who_pushes() {
-        let [mut free, mut pushed] = [(); 2].map(|()| Player::new(policy(), 7));
+        let [mut free, mut pushed] = [(); 2].map(|()| Player::new(Greedy::new(policy(), 1), 7));
         for player in [&mut free, &mut pushed] {
             (0..10).for_each(|_| player.step());
         }

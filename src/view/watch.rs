@@ -12,8 +12,8 @@ use ratatui::widgets::{Block, Paragraph};
 
 use super::player::{Player, Task};
 use super::{FRAME, NoView, Screen, is_quit, scene};
+use crate::agent::Greedy;
 use crate::env::{CartPole, Environment};
-use crate::nn::Mlp;
 
 /// Simulated time per time; 1 is the middle.
 const SPEEDS: [f64; 9] = [0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
@@ -25,7 +25,7 @@ const KEYS: &str = "←/→ push  space pause  s step  n next seed  r again  +/-
 ///
 /// # Errors
 /// There is no terminal, it is too small, or it fails.
-pub fn watch(policy: Mlp<f32>, name: &str, seed: u64, stop: &AtomicBool) -> Result<(), NoView> {
+pub fn watch(policy: Greedy, name: &str, seed: u64, stop: &AtomicBool) -> Result<(), NoView> {
     let mut screen = Screen::open()?;
     let mut view = Watch::new(policy, name, seed);
     let mut last = Instant::now();
@@ -59,7 +59,7 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(policy: Mlp<f32>, name: &str, seed: u64) -> Self {
+    fn new(policy: Greedy, name: &str, seed: u64) -> Self {
         let mut view = Self {
             name: name.into(),
             player: Player::new(policy, seed),
@@ -218,7 +218,7 @@ mod tests {
     use crate::view::tests::{policy, text};
 
     fn view() -> Watch {
-        Watch::new(policy(), "runs/x", 7)
+        Watch::new(Greedy::new(policy(), 1), "runs/x", 7)
     }
 
     fn press(view: &mut Watch, code: KeyCode) {

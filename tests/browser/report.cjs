@@ -124,7 +124,7 @@ async function checkPolicy(page) {
   assert.equal(await picture(), still);
 
   await page.locator('#map').hover({ position: { x: 120, y: 60 } });
-  assert.match(await page.textContent('#value'), /rad\/s: pushes (left|right), action gap \d/);
+  assert.match(await page.textContent('#value'), /°\/s: pushes (left|right), action gap \d/);
 }
 
 async function check(page, { name, plots, policy, text = [] }, { width, scheme }) {

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
+from safetensors import safe_open
 from safetensors.numpy import load_file
 
 # Relative to max(1, |value|). A single step may differ in the last bits alone.
@@ -47,6 +48,13 @@ def load_policy(path):
     policy = [(tensors[f"{i}.weight"], tensors[f"{i}.bias"]) for i in layers]
     require(all(t.dtype == np.float32 for layer in policy for t in layer), f"{path}: the weights are not float32")
     return policy
+
+
+def reward_scale(path):
+    """By what `eval --trace` divides the network's output, so that Q-values are in units of CartPole's rewards."""
+    with safe_open(path, framework="numpy") as file:
+        header = (file.metadata() or {}).get("cartpole-dqn")
+    return json.loads(header)["config"].get("reward_scale", 1.0) if header else 1.0
 
 
 def q_values(policy, observations):
@@ -84,19 +92,21 @@ def check_trace(trace, episode, seed, total_return):
     where = f"trace of seed {seed}"
     require(all((s["episode"], s["seed"]) == (episode, seed) for s in trace), f"{where}: not episode {episode}")
     require([s["step"] for s in trace] == list(range(len(trace))), f"{where}: steps are missing or out of order")
-    require(all(s["action"] == np.argmax(s["q_values"]) for s in trace), f"{where}: an action is not the greedy one")
+    # Divided by the reward scale, two Q-values that differ in the last bit can become the same.
+    greedy = all(s["q_values"][s["action"]] == max(s["q_values"]) for s in trace)
+    require(greedy, f"{where}: an action is not the greedy one")
     require(all(s["reward"] == 1.0 for s in trace), f"{where}: a reward is not 1")
     require(len(trace) == total_return, f"{where}: {len(trace)} steps, but a return of {total_return}")
     *before, last = (s["terminated"] or s["truncated"] for s in trace)
     require(last and not any(before), f"{where}: does not end with its last step")
 
 
-def check_each_step(env, policy, seed, trace):
+def check_each_step(env, policy, scale, seed, trace):
     env.reset(seed=seed)
     initial_state = env.unwrapped.state.tolist()
     require(trace[0]["state"] == initial_state, f"seed {seed}: starts in {trace[0]['state']}, not {initial_state}")
 
-    qs = q_values(policy, np.array([s["state"] for s in trace], dtype=np.float32))
+    qs = q_values(policy, np.array([s["state"] for s in trace], dtype=np.float32)) / scale
     for step, (theirs, after, q) in enumerate(zip(trace, [*trace[1:], None], qs)):
         where = f"seed {seed}, step {step}"
         require(close(q, theirs["q_values"]), f"{where}: Q-values {theirs['q_values']}, in NumPy {q.tolist()}")
@@ -112,19 +122,19 @@ def check_each_step(env, policy, seed, trace):
         )
 
 
-def play_freely(env, policy, seed, trace):
+def play_freely(env, policy, scale, seed, trace):
     """Whether the episode parted, and whether its states or Q-values came to differ by more than TOLERANCE."""
     observation, _ = env.reset(seed=seed)
     drifted = False
     for step, theirs in enumerate(trace):
         state = env.unwrapped.state
         (q,) = q_values(policy, observation[None])
-        drifted = drifted or not (close(state, theirs["state"]) and close(q, theirs["q_values"]))
+        drifted = drifted or not (close(state, theirs["state"]) and close(q / scale, theirs["q_values"]))
 
         action = int(np.argmax(q))
         if action != theirs["action"]:
             apart = np.max(np.abs(state - theirs["state"]))
-            print(f"seed {seed}, step {step}: parted, Q-values {theirs['q_values']}, in NumPy {q.tolist()}")
+            print(f"seed {seed}, step {step}: parted, Q-values {theirs['q_values']}, in NumPy {(q / scale).tolist()}")
             print(f"  states {apart:.1e} apart, {'beyond' if drifted else 'within'} {TOLERANCE} until here")
             return True, drifted
 
@@ -153,7 +163,7 @@ def check_summary(summary, arguments):
 
 
 def compare(arguments):
-    policy = load_policy(arguments.checkpoint)
+    policy, scale = load_policy(arguments.checkpoint), reward_scale(arguments.checkpoint)
     summary, traces = run_eval(arguments)
     check_summary(summary, arguments)
     require(len(traces) == arguments.episodes, f"the trace has {len(traces)} episodes, not {arguments.episodes}")
@@ -163,8 +173,8 @@ def compare(arguments):
     for episode, (trace, total_return) in enumerate(zip(traces, summary["returns"])):
         seed = arguments.seed + episode
         check_trace(trace, episode, seed, total_return)
-        check_each_step(env, policy, seed, trace)
-        outcomes.append(play_freely(env, policy, seed, trace))
+        check_each_step(env, policy, scale, seed, trace)
+        outcomes.append(play_freely(env, policy, scale, seed, trace))
     parted, drifted = (sum(flags) for flags in zip(*outcomes))
 
     mean = summary["mean"]

@@ -326,6 +326,11 @@ fn explain_says_which_is_the_last_update() {
         .stdout("")
         .stderr(predicate::str::contains("the run ends after update 151"));
     sandbox.run(&["explain", "--update", "0"]).code(2).stdout("");
+    // Before anything is trained.
+    sandbox.write("notes.txt", "mine");
+    let explain = ["explain", "--update", "60000000", "--out", "notes.txt"];
+    sandbox.run(&explain).code(2).stderr(predicate::str::contains("is not an update"));
+    assert_eq!(sandbox.read("notes.txt"), "mine");
 }
 
 #[test]

@@ -184,7 +184,7 @@ refusals! {
         [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1001", "`replay.warmup_steps`"];
     refuses_a_config_without_its_flag_and_names_it:
         [("my.json", b"{}")], ["train", "my.json"] => ["'my.json'", "--config FILE"];
-    refuses_a_key_as_a_flag_and_names_set: [], ["train", "--lr", "0.1"] => ["'--lr'", "--set KEY=VALUE"];
+    refuses_a_flag_that_nobody_knows_and_names_set: [], ["train", "--frobnicate", "1"] => ["'--frobnicate'", "--set KEY=VALUE"];
     refuses_a_set_with_a_space: [], ["train", "--set", "gamma", "0.9"] => ["'0.9'", "--set KEY=VALUE"];
     refuses_the_short_name_of_a_key_and_lists_its_group:
         [], ["train", "--set", "optimizer.lr=0.1"] => ["`optimizer.lr`", "`learning_rate`"];
@@ -200,9 +200,9 @@ refusals! {
     refuses_an_out_with_something_in_it:
         [("mine/notes.txt", b"mine")], ["train", "--out", "mine"] => ["mine", "not empty", "--force"];
     does_not_force_away_what_is_no_run:
-        [("mine/notes.txt", b"mine")], ["train", "--force", "--out", "mine"] => ["mine", "not a run"];
+        [("mine/notes.txt", b"mine")], ["train", "--force", "--out", "mine"] => ["mine", "does not hold a run"];
     does_not_force_away_the_config_of_something_else:
-        [("mine/config.json", b"{}")], ["train", "--force", "--out", "mine"] => ["mine", "not a run"];
+        [("mine/config.json", b"{}")], ["train", "--force", "--out", "mine"] => ["mine", "does not hold a run"];
 }
 
 #[test]
@@ -218,10 +218,7 @@ fn does_not_force_away_a_run_with_a_foreign_file() {
         let sandbox = Sandbox::with_run();
         sandbox.write(foreign, "mine");
         let named = foreign.trim_end_matches("/x");
-        sandbox.refuses(
-            &["train", "--force", "--out", "run"],
-            &[named, "--force replaces a run and nothing else"],
-        );
+        sandbox.refuses(&["train", "--force", "--out", "run"], &[named, "--force replaces only runs"]);
     }
 }
 
@@ -230,7 +227,7 @@ fn does_not_force_away_a_run_whose_checkpoints_are_a_file() {
     let sandbox = Sandbox::with_run();
     fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
     sandbox.write("run/checkpoints", "mine");
-    sandbox.refuses(&["train", "--force", "--out", "run"], &["run/checkpoints", "not of a run"]);
+    sandbox.refuses(&["train", "--force", "--out", "run"], &["run/checkpoints", "does not belong to a run"]);
 }
 
 #[test]
@@ -272,6 +269,7 @@ fn a_run_goes_into_an_empty_folder_and_leaves_nothing_else() {
         "/checkpoints/previous.safetensors",
         "/config.json",
         "/metrics.jsonl",
+        "/progress.csv",
         "/summary.json",
     ];
     let expected = expected.iter().map(|name| sandbox.path(&format!("run{name}")));
@@ -302,6 +300,7 @@ fn json_prints_the_summary_alone() {
         "episodes",
         "final_evaluation",
         "git_revision",
+        "mean_return_100",
         "seed",
         "solved_at_step",
         "updates",
@@ -325,10 +324,9 @@ fn quiet_prints_nothing() {
 
 #[test]
 fn the_summary_names_the_command_that_evaluates_the_run() {
-    let printed =
-        predicate::str::contains(" eval --checkpoint run\n").and(predicate::str::contains("sha256"));
+    let printed = predicate::str::contains(" eval run\n").and(predicate::str::contains("SHA-256"));
     Sandbox::new().train(&["--out", "run"]).success().stdout(printed);
-    let printed = predicate::str::contains(" eval --checkpoint 'my run'\n");
+    let printed = predicate::str::contains(" eval 'my run'\n");
     Sandbox::new().train(&["--out", "my run"]).success().stdout(printed);
 }
 
@@ -372,7 +370,8 @@ fn the_resolved_config_gives_the_same_run_again_byte_for_byte() {
 fn a_diverging_run_names_the_step_and_keeps_the_last_good_checkpoint() {
     let sandbox = Sandbox::new();
     let arguments =
-        [&["train", "--out", "run", "--set", "checkpoint.every_steps=10"], &sets(DIVERGING)[..]].concat();
+        [&["train", "--quiet", "--out", "run", "--set", "checkpoint.every_steps=10"], &sets(DIVERGING)[..]]
+            .concat();
     let message = predicate::str::is_match(
         r"^error: training diverged: at environment step \d+ .*NaN.* kept in run\n$",
     );

@@ -1,4 +1,4 @@
-//! `config` and `completions`: the JSON Schema, the explained config, the shells' scripts.
+//! `config` and `completions`: the JSON Schema, the explained config, what shells complete.
 
 use std::path::Path;
 use std::process::Command;
@@ -88,7 +88,7 @@ fn a_shown_config_can_be_set_again() {
     let text = stdout(&[&["config", "show"], &options[..]].concat());
     let shown: Vec<&str> = text.lines().filter(|line| !line.starts_with(' ')).collect();
     assert!(shown.contains(&"exploration.decay=0.995") && shown.contains(&"optimizer.schedule.steps=9"));
-    assert!(text.contains("replay.capacity=2000\n    transitions held before the oldest is overwritten\n    default: 50000; allowed: an integer from 1 to 100000000\n"), "{text}");
+    assert!(text.contains("replay.capacity=2000\n    transitions that the memory holds before it overwrites the oldest\n    default: 50000; allowed: an integer from 1 to 100000000\n"), "{text}");
     let sandbox = Sandbox::new();
     let config = stdout_json(&sandbox.run(&[&["config", "show", "--json"], &options[..]].concat()).success());
     assert_eq!(config["seed"], 7);
@@ -96,35 +96,113 @@ fn a_shown_config_can_be_set_again() {
     assert_eq!(json!(Config::from_layers(None, &sets).unwrap()), config);
 }
 
+/// What may stand in the place of the last word.
+fn candidates(words: &[&str]) -> Vec<String> {
+    let printed = stdout(&[&["__words", "--"], words].concat());
+    printed.lines().map(|line| line.split_once('\t').unwrap().0.to_owned()).collect()
+}
+
 #[test]
-fn the_shells_complete_every_command() {
-    let help = stdout(&["--help"]);
-    let commands: Vec<&str> = help
-        .lines()
-        .skip_while(|line| *line != "Commands:")
-        .skip(1)
-        .map_while(|line| line.strip_prefix("  ")?.split_whitespace().next())
-        .collect();
-    assert!(commands.contains(&"train") && commands.contains(&"completions"), "{help}");
-    for shell in ["bash", "zsh", "fish"] {
-        let script = stdout(&["completions", shell]);
-        for word in commands.iter().chain(&["checkpoint", "schema"]) {
-            assert!(script.contains(word), "{shell}: {word}");
+fn every_command_and_every_option_is_completed() {
+    // The first word of each line of a section, without the short name of an option.
+    let words_of = |help: &str, heading: &str| -> Vec<String> {
+        let section = help.lines().skip_while(|line| *line != heading).skip(1);
+        let section = section.take_while(|line| line.starts_with("  "));
+        let entries = section.filter(|line| !line.starts_with("          "));
+        let words =
+            entries.map(|line| line.split_whitespace().find(|word| !word.ends_with(',')).unwrap().to_owned());
+        words.collect()
+    };
+    let commands = candidates(&[""]);
+    assert_eq!(commands, words_of(&stdout(&["--help"]), "Commands:"));
+    for command in commands.iter().filter(|command| *command != "help") {
+        let options = candidates(&[command, "--"]);
+        let help = stdout(&[command, "-h"]);
+        assert_eq!(options, words_of(&help, "Options:"), "{help}");
+    }
+}
+
+#[test]
+fn every_key_of_a_config_is_completed_and_every_value_that_has_a_name() {
+    let keys = candidates(&["train", "--set", ""]);
+    for setting in Config::default().settings().iter().filter(|setting| setting.path != "$schema") {
+        assert!(keys.contains(&format!("{}=", setting.path)), "{}", setting.path);
+    }
+    assert_eq!(candidates(&["train", "--set", "loss="]), ["loss=mse", "loss=huber"]);
+    assert_eq!(candidates(&["config", "show", "--set=double=t"]), ["--set=double=true"]);
+    assert_eq!(candidates(&["study", "--vary", "loss=mse,h"]), ["loss=mse,huber"]);
+    assert!(!candidates(&["study", "--vary", ""]).contains(&"seed=".to_owned()));
+    assert!(candidates(&["train", "--set", "nope="]).is_empty());
+}
+
+#[test]
+fn a_path_is_completed_where_one_is_taken_and_nothing_where_a_number_is() {
+    let sandbox = Sandbox::new();
+    std::fs::create_dir_all(sandbox.path("runs/first")).unwrap();
+    std::fs::create_dir_all(sandbox.path("runs/no-run")).unwrap();
+    std::fs::write(sandbox.path("runs/first/config.json"), "{}").unwrap();
+    let lines = |words: &[&str]| {
+        let printed = sandbox.run(&[&["__words", "--"], words].concat()).success();
+        String::from_utf8(printed.get_output().stdout.clone()).unwrap()
+    };
+    assert_eq!(lines(&["train", "--config", "x"]), ":files\t\n");
+    assert_eq!(lines(&["train", "--out=x"]), ":directories\t\n");
+    assert_eq!(lines(&["eval", "--checkpoint", ""]), "runs/first\trun\n:files\t\n");
+    assert_eq!(lines(&["train", "--resume", "ru"]), "runs/first\trun\n:directories\t\n");
+    assert_eq!(lines(&["report", "a", "b", ""]), "runs/first\trun\n:directories\t\n");
+    assert_eq!(lines(&["train", "--seed", ""]), "");
+}
+
+#[test]
+fn an_option_is_offered_again_only_if_it_can_be_repeated() {
+    let offered = candidates(&["train", "--quiet", "--set", "gamma=1", "--seed=1", "-"]);
+    assert!(offered.contains(&"--set".into()) && offered.contains(&"--out".into()));
+    assert!(!offered.contains(&"--quiet".into()) && !offered.contains(&"--seed".into()));
+    assert!(candidates(&["report", "--", "--"]).iter().all(|word| !word.starts_with("--")));
+}
+
+#[cfg(unix)]
+#[test]
+fn completing_says_nothing_and_succeeds_for_any_bytes() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+    let odd: [&[u8]; 12] = [
+        b"",
+        b"-",
+        b"--",
+        b"---",
+        b"=",
+        b"--=",
+        b"-=x",
+        b"--set=",
+        b"--set=,=",
+        b"\xff\xfe",
+        b"-\xff",
+        b"--vary=\xce\xb8=,",
+    ];
+    let programs = ["train", "help", "report"].map(str::as_bytes);
+    for first in programs.iter().chain(&odd) {
+        for second in odd {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_cartpole-dqn"));
+            let words = [&b"__words"[..], b"--", first, second].map(OsStr::from_bytes);
+            let output = command.args(words).output().unwrap();
+            assert!(output.status.success() && output.stderr.is_empty(), "{words:?} {output:?}");
         }
     }
 }
 
 #[test]
 fn bash_takes_the_script() {
-    let script = stdout(&["completions", "bash"])
-        + "COMP_WORDS=(cartpole-dqn ev); COMP_CWORD=1
-           for word in $(complete -p cartpole-dqn); do [ \"$previous\" = -F ] && function=$word; previous=$word; done
-           $function cartpole-dqn ev cartpole-dqn; echo ${COMPREPLY[@]}";
-    let completed = match Command::new("bash").args(["-c", &script]).output() {
+    let script = stdout(&["completions", "bash"]);
+    let taken = match Command::new("bash").args(["-c", &(script + "complete -p cartpole-dqn")]).output() {
         Ok(output) => output,
         Err(error) => return eprintln!("not checked, no bash: {error}"),
     };
-    assert_eq!(String::from_utf8_lossy(&completed.stdout), "eval\n", "{completed:?}");
+    assert_eq!(
+        String::from_utf8_lossy(&taken.stdout),
+        "complete -F _cartpole_dqn cartpole-dqn\n",
+        "{taken:?}"
+    );
 }
 
 refusals! {

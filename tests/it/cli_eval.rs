@@ -16,19 +16,20 @@ const LAST: &str = "run/checkpoints/last.safetensors";
 const FOREIGN: &str = "foreign.safetensors";
 
 refusals! {
-    refuses_eval_without_a_checkpoint: [], ["eval"] => ["--checkpoint"];
-    refuses_a_missing_checkpoint: [], ["eval", "--checkpoint", "x"] => ["x", "No such file", "run's folder"];
+    refuses_eval_where_nothing_is_trained:
+        [], ["eval"] => ["no path is given", "no directory runs", "cartpole-dqn train"];
+    refuses_a_missing_checkpoint: [], ["eval", "--checkpoint", "x"] => ["x", "No such file", "directory of a run"];
     refuses_an_empty_checkpoint: [("x", b"")], ["eval", "--checkpoint", "x"] => ["x", "not a safetensors file"];
     refuses_random_bytes_as_checkpoint:
         [("x", &[0x5a; 999])], ["eval", "--checkpoint", "x"] => ["x", "not a safetensors file"];
     refuses_a_config_as_checkpoint:
         [("x.json", b"{\"gamma\": 0.9}")], ["eval", "--checkpoint", "x.json"]
-        => ["x.json", "not a safetensors file", "takes a .safetensors file"];
+        => ["x.json", "not a safetensors file", "give a .safetensors file"];
     refuses_a_folder_without_a_checkpoint:
-        [("run/config.json", b"{}")], ["eval", "--checkpoint", "run"] => ["folder run", "best.safetensors"];
+        [("run/config.json", b"{}")], ["eval", "--checkpoint", "run"] => ["directory run", "best.safetensors"];
     refuses_to_inspect_what_is_no_checkpoint:
         [("x", b"hello, world")], ["inspect", "--checkpoint", "x"] => ["x", "not a safetensors file"];
-    refuses_zero_episodes: [], ["eval", "--policy", "random", "--episodes", "0"] => ["--episodes", "'0'", "1..="];
+    refuses_zero_episodes: [], ["eval", "--policy", "random", "--episodes", "0"] => ["--episodes", "'0'", "from 1 to 10000000"];
     refuses_seeds_beyond_the_largest:
         [], ["eval", "--policy", "random", "--seed", "18446744073709551615", "--episodes", "2"]
         => ["--seed 18446744073709551615", "--episodes 2", "largest seed"];
@@ -42,7 +43,13 @@ refusals! {
     refuses_a_trace_below_a_file:
         [("f", b"mine")], ["eval", "--policy", "random", "--trace", "f/x"] => ["--trace f/x: Not a directory"];
     refuses_a_trace_that_is_a_folder:
-        [("f/x", b"mine")], ["eval", "--policy", "random", "--trace", "f"] => ["--trace f", "folder"];
+        [("f/x", b"mine")], ["eval", "--policy", "random", "--trace", "f"] => ["--trace f", "directory"];
+    refuses_a_path_twice: [], ["eval", "a", "--checkpoint", "b"] => ["PATH", "--checkpoint"];
+    refuses_the_trials_of_a_study:
+        [("s/study.json", b"{}")], ["eval", "s"] => ["s is a study", "no policies", "train --config"];
+    refuses_two_things_on_standard_output:
+        [], ["eval", "--policy", "random", "--trace", "-", "--json"] => ["--trace -", "--json"];
+    refuses_an_empty_standard_input: [], ["eval", "-"] => ["standard input", "not a safetensors file"];
 }
 
 #[test]
@@ -61,7 +68,7 @@ fn refuses_a_checkpoint_cut_off_anywhere() {
 #[test]
 fn refuses_to_write_the_trace_over_the_checkpoint() {
     let sandbox = Sandbox::with_run();
-    sandbox.refuses(&["eval", "--checkpoint", "run", "--trace", BEST], &["--trace", "it is the checkpoint"]);
+    sandbox.refuses(&["eval", "--checkpoint", "run", "--trace", BEST], &["--trace", "would be lost"]);
 }
 
 /// A file as PyTorch users write it: no metadata, each tensor (name, shape, values).
@@ -148,7 +155,7 @@ fn plays_a_file_of_another_program_and_traces_every_step() {
 fn json_prints_the_score_alone() {
     let assert = Sandbox::new().run(&["eval", "--policy", "random", "--json"]).success();
     let report = stdout_json(&assert);
-    let expected = ["episodes", "max", "mean", "median", "min", "returns", "seed", "solved", "std"];
+    let expected = ["episodes", "max", "mean", "median", "min", "policy", "returns", "seed", "solved", "std"];
     assert_eq!(keys(&report), expected);
     let returns: Vec<f64> = serde_json::from_value(report["returns"].clone()).unwrap();
     let mean = returns.iter().sum::<f64>() / 100.0;
@@ -171,7 +178,7 @@ fn the_mean_decides_the_exit_code_if_asked_to() {
 #[test]
 fn a_run_is_played_by_its_best_checkpoint_or_else_its_last() {
     let sandbox = Sandbox::with_run();
-    let inspected = |file| predicate::str::contains(format!("file       {file}\n"));
+    let inspected = |file| predicate::str::contains(format!("file        {file}\n"));
     sandbox.run(&["inspect", "--checkpoint", "run"]).success().stdout(inspected(BEST));
     fs::remove_file(sandbox.path(BEST)).unwrap();
     sandbox.run(&["inspect", "--checkpoint", "run"]).success().stdout(inspected(LAST));
@@ -190,17 +197,17 @@ fn inspect_tells_what_is_in_a_file() {
         (
             BEST,
             vec![
-                "version 2: policy\n",
+                "version 2: policy of the run, its best\n",
                 policy,
-                "evaluation mean return",
+                "evaluation  mean return",
                 "\"gamma\": 0.99",
                 "0.weight F32 [8, 4]",
             ],
         ),
-        (LAST, vec!["policy and state of the run", policy, "env_steps  200", "replay.actions U8 [200]"]),
+        (LAST, vec!["policy and state of the run", policy, "step        200", "replay.actions U8 [200]"]),
         (FOREIGN, vec!["written by another program", "layers [4, 2, 2]", "2.bias F32 [2]"]),
     ] {
-        let assert = sandbox.run(&["inspect", "--checkpoint", file]).success().stderr("");
+        let assert = sandbox.run(&["inspect", "--checkpoint", file, "--all"]).success().stderr("");
         let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
         assert!(words.iter().all(|word| text.contains(word)), "{words:?} not in {text}");
         assert_eq!(text.contains("replay."), file == LAST);
@@ -229,5 +236,118 @@ fn refuses_a_checkpoint_of_another_format_version() {
     fs::write(&path, bytes).unwrap();
     for command in ["eval", "inspect"] {
         sandbox.refuses(&[command, "--checkpoint", BEST], &[BEST, "format version 9", "versions 1 to 2"]);
+    }
+}
+
+#[test]
+fn eval_says_which_policy_of_which_step_it_played() {
+    let sandbox = Sandbox::with_run();
+    let summary = sandbox.json("run/summary.json");
+    for (path, file, kind, evaluation) in
+        [("run", BEST, "best", "best_evaluation"), (LAST, LAST, "last", "final_evaluation")]
+    {
+        let (step, mean) = (&summary[evaluation]["env_steps"], summary[evaluation]["mean"].as_f64().unwrap());
+        let played =
+            &stdout_json(&sandbox.run(&["eval", path, "--episodes", "2", "--json"]).success())["policy"];
+        assert_eq!((&played["kind"], &played["file"]), (&json!(kind), &json!(file)));
+        assert_eq!((&played["env_steps"], &played["evaluation"]["mean"]), (step, &json!(mean)));
+        assert_eq!(played["weights_sha256"].as_str().unwrap().len(), 64);
+        let said =
+            format!("policy         {kind} of its run, step {step}, evaluated in training: {mean:.2}\n");
+        let assert = sandbox.run(&["eval", path, "--episodes", "2"]).success().stderr("");
+        let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
+        assert!(text.starts_with(&said) && text.contains(&format!("file           {file}\n")), "{text}");
+        assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+        // Of a run whose best policy is not its last one, eval names the last one too.
+        let is_other = path == "run" && summary["best_evaluation"] != summary["final_evaluation"];
+        assert_eq!(text.contains(&format!("               {LAST}\n")), is_other, "{text}");
+    }
+    sandbox.run(&["eval", "run", "--episodes", "2", "--quiet"]).success().stdout("").stderr("");
+}
+
+#[test]
+fn a_trace_overwrites_a_trace_and_nothing_else() {
+    let sandbox = Sandbox::with_run();
+    let eval = |trace| ["eval", "run", "--episodes", "1", "--trace", trace];
+    sandbox.run(&eval("trace")).success();
+    sandbox.run(&eval("trace")).success();
+    sandbox.write("mine.txt", "notes");
+    for file in ["mine.txt", "run/metrics.jsonl", "run/config.json", LAST, BEST, "run/summary.json"] {
+        sandbox.refuses(&eval(file), &[file, "is not a trace", "would be lost"]);
+    }
+}
+
+#[test]
+fn standard_input_and_output_take_the_place_of_files() {
+    let sandbox = Sandbox::with_run();
+    let piped = |arguments: &[&str]| {
+        sandbox.command(arguments).write_stdin(fs::read(sandbox.path(BEST)).unwrap()).assert().success()
+    };
+    let of_file = stdout_json(&sandbox.run(&["eval", "run", "--episodes", "2", "--json"]).success());
+    let of_pipe = stdout_json(&piped(&["eval", "-", "--episodes", "2", "--json"]));
+    assert_eq!(of_pipe["returns"], of_file["returns"]);
+    assert_eq!(of_pipe["policy"]["file"], "standard input");
+
+    sandbox.run(&["eval", "run", "--episodes", "2", "--trace", "trace"]).success();
+    let score = predicate::str::contains("mean return");
+    let traced = sandbox.run(&["eval", "run", "--episodes", "2", "--trace", "-"]).success().stderr(score);
+    assert!(traced.get_output().stdout == fs::read(sandbox.path("trace")).unwrap());
+    sandbox.run(&["eval", "run", "--episodes", "2", "--trace", "-", "--quiet"]).success().stderr("");
+}
+
+/// The bytes of a checkpoint are those of the network that was trained on scaled rewards; what is shown is not.
+#[test]
+fn q_values_are_in_raw_rewards_and_the_scale_changes_no_action() {
+    use cartpole_dqn::checkpoint::Checkpoint;
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "reward_scale=0.01"]).success();
+    let mut bare = Checkpoint::default();
+    bare.put_network("", &Checkpoint::read(&sandbox.path(BEST)).unwrap().policy(4, 2).unwrap());
+    bare.write(&sandbox.path(FOREIGN)).unwrap();
+    let [scaled, raw] = [BEST, FOREIGN].map(|file| {
+        sandbox.run(&["eval", file, "--episodes", "3", "--trace", "trace"]).success();
+        let trace = sandbox.read("trace");
+        trace.lines().map(|line| serde_json::from_str(line).unwrap()).collect::<Vec<Value>>()
+    });
+    assert_eq!(scaled.len(), raw.len());
+    for (scaled, raw) in scaled.iter().zip(&raw) {
+        assert_eq!((&scaled["action"], &scaled["state"]), (&raw["action"], &raw["state"]));
+        for action in 0..2 {
+            let [scaled, raw] = [scaled, raw].map(|line| line["q_values"][action].as_f64().unwrap());
+            assert!((scaled - raw * 100.0).abs() <= 1e-5 * scaled.abs(), "{scaled}, {raw}");
+        }
+    }
+}
+
+#[test]
+fn names_from_a_file_are_escaped() {
+    let sandbox = Sandbox::new();
+    write_foreign(&sandbox, &[("\u{1b}]0;owned\u{7}", &[1], &[0.0])]);
+    let assert = sandbox.run(&["inspect", "--all", FOREIGN]).success();
+    let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
+    assert!(text.contains("\\u{1b}]0;owned\\u{7}") && !text.contains('\u{1b}'), "{text}");
+}
+
+#[test]
+#[cfg(unix)]
+fn a_checkpoints_directory_that_cannot_be_searched_is_not_called_empty() {
+    let sandbox = Sandbox::new();
+    sandbox.write("run/config.json", "{}");
+    std::os::unix::fs::symlink("checkpoints", sandbox.path("run/checkpoints")).unwrap();
+    let refused = sandbox.run(&["eval", "run"]).code(2);
+    let message = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
+    assert!(message.contains("cannot be searched") && !message.contains("has no"), "{message}");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_disk_is_a_failure_and_no_bad_input() {
+    let sandbox = Sandbox::with_run();
+    let full = predicate::str::contains("No space left");
+    for arguments in [["eval", "run", "--trace", "/dev/full"], ["render", "run", "-o", "full.gif"]] {
+        if arguments[0] == "render" {
+            std::os::unix::fs::symlink("/dev/full", sandbox.path("full.gif")).unwrap();
+        }
+        sandbox.run(&arguments).code(1).stderr(full.clone());
     }
 }

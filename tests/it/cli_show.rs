@@ -9,7 +9,7 @@ use crate::cli::{Sandbox, refusals};
 const BEST: &str = "run/checkpoints/best.safetensors";
 
 refusals! {
-    refuses_to_render_without_a_checkpoint: [], ["render", "-o", "x.gif"] => ["--checkpoint"];
+    refuses_to_render_without_a_checkpoint: [], ["render", "-o", "x.gif"] => ["no path is given"];
     refuses_to_render_what_is_no_checkpoint:
         [("x", b"hello")], ["render", "--checkpoint", "x", "-o", "x.gif"] => ["x", "not a safetensors file"];
     refuses_a_picture_of_another_kind:
@@ -17,17 +17,17 @@ refusals! {
     refuses_a_picture_without_an_extension:
         [("x", b"")], ["render", "--checkpoint", "x", "-o", "gif"] => ["gif", ".gif or .svg"];
     refuses_a_picture_that_is_a_folder:
-        [("f.gif/x", b"")], ["render", "--checkpoint", "x", "-o", "f.gif"] => ["f.gif", "folder"];
-    refuses_to_train_live_without_a_terminal: [], ["train", "--live"] => ["not a terminal"];
+        [("f.gif/x", b"")], ["render", "--checkpoint", "x", "-o", "f.gif"] => ["f.gif", "directory"];
+    refuses_to_train_live_without_a_terminal: [], ["train", "--live"] => ["needs a terminal"];
     refuses_a_pace_without_live: [], ["train", "--pace", "5x"] => ["--live"];
     refuses_a_pace_that_is_no_factor: [], ["train", "--live", "--pace", "fast"] => ["--pace", "0.01x to 1000x"];
     refuses_a_pace_of_zero: [], ["train", "--live", "--pace", "0x"] => ["--pace", "0.01x to 1000x"];
     refuses_to_be_live_and_quiet: [], ["train", "--live", "--quiet"] => ["--live", "--quiet"];
-    refuses_to_watch_nothing: [], ["watch"] => ["--checkpoint"];
+    refuses_to_watch_nothing: [], ["watch"] => ["no path is given"];
     refuses_to_watch_what_is_no_checkpoint:
         [("x", b"hello")], ["watch", "--checkpoint", "x"] => ["x", "not a safetensors file"];
     refuses_a_picture_of_no_steps:
-        [], ["render", "--checkpoint", "x", "-o", "x.gif", "--steps", "0"] => ["--steps", "1..=500"];
+        [], ["render", "--checkpoint", "x", "-o", "x.gif", "--steps", "0"] => ["--steps", "from 1 to 500"];
 }
 
 #[test]
@@ -35,13 +35,13 @@ fn does_not_draw_over_the_checkpoint_or_into_a_missing_folder() {
     let sandbox = Sandbox::with_run();
     fs::copy(sandbox.path(BEST), sandbox.path("policy.gif")).unwrap();
     let render = ["render", "--checkpoint", "policy.gif", "-o"];
-    sandbox.refuses(&[&render[..], &["policy.gif"]].concat(), &["policy.gif", "it is the checkpoint"]);
+    sandbox.refuses(&[&render[..], &["policy.gif"]].concat(), &["policy.gif", "would be lost"]);
     sandbox.refuses(&[&render[..], &["no/x.gif"]].concat(), &["no/x.gif", "No such file"]);
 }
 
 #[test]
 fn refuses_to_watch_without_a_terminal() {
-    Sandbox::with_run().refuses(&["watch", "--checkpoint", "run"], &["not a terminal"]);
+    Sandbox::with_run().refuses(&["watch", "--checkpoint", "run"], &["needs a terminal"]);
 }
 
 #[test]
@@ -81,4 +81,61 @@ fn delays(file: &[u8]) -> Vec<u16> {
         delays.push(frame.delay);
     }
     delays
+}
+
+#[test]
+fn draws_over_a_picture_of_its_own_kind_and_over_nothing_else() {
+    let sandbox = Sandbox::with_run();
+    let render = |file| ["render", "run", "--steps", "2", "-o", file];
+    for (file, own) in [("a.gif", "b.gif"), ("a.svg", "b.svg")] {
+        sandbox.run(&render(own)).success();
+        sandbox.run(&render(own)).success();
+        sandbox.write(file, "");
+        sandbox.run(&render(file)).success();
+    }
+    sandbox.write("mine.gif", b"GIF89a\x10\x00\x10\x00 a picture of somebody else");
+    sandbox.write("mine.svg", "<svg xmlns=\"http://www.w3.org/2000/svg\"><title>mine</title></svg>");
+    fs::copy(sandbox.path("a.svg"), sandbox.path("svg.gif")).unwrap();
+    for file in ["mine.gif", "mine.svg", "svg.gif"] {
+        sandbox.refuses(&render(file), &[file, "`render`", "would be lost"]);
+    }
+}
+
+#[test]
+fn a_picture_on_standard_output_has_the_bytes_of_the_file() {
+    let sandbox = Sandbox::with_run();
+    for (format, file) in [("gif", "a.gif"), ("svg", "a.svg")] {
+        sandbox
+            .run(&["render", "run", "--steps", "3", "-o", file, "--quiet"])
+            .success()
+            .stdout("")
+            .stderr("");
+        let piped = sandbox.run(&["render", "run", "--steps", "3", "-o", "-", "--format", format]).success();
+        assert!(piped.get_output().stdout == fs::read(sandbox.path(file)).unwrap(), "{format}");
+        let default =
+            sandbox.run(&["render", "run", "--steps", "3", "-o", "-", "--quiet"]).success().stderr("");
+        assert!(default.get_output().stdout.starts_with(b"GIF89a"));
+    }
+}
+
+#[test]
+fn inspect_shows_step_score_and_the_hash_that_train_printed_and_no_more() {
+    let sandbox = Sandbox::new();
+    let printed =
+        sandbox.train(&["--out", "run2", "--set", "observation_scale=[2,2,2,2]", "--json"]).success();
+    let hash = crate::cli::stdout_json(&printed)["weights_sha256"].as_str().unwrap().to_owned();
+    let last = "run2/checkpoints/last.safetensors";
+    let inspected = sandbox.run(&["inspect", last]).success().stderr("");
+    let text = String::from_utf8(inspected.get_output().stdout.clone()).unwrap();
+    for part in
+        ["step        200 of the run", "evaluation  mean return", "at step 200", &hash, "train prints"]
+    {
+        assert!(text.contains(part), "{part} is not in {text}");
+    }
+    assert_eq!(text.matches("sha256 ").count(), 2, "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 80) && text.lines().count() < 15, "{text}");
+    let best = sandbox.run(&["inspect", "run2"]).success();
+    let text = String::from_utf8(best.get_output().stdout.clone()).unwrap();
+    assert!(text.contains("its best") && text.contains(&format!("not shown   {last}")), "{text}");
+    assert!(!text.contains("gamma") && !text.contains("0.weight"), "{text}");
 }

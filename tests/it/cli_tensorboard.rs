@@ -51,5 +51,8 @@ fn force_replaces_event_files_too_and_nothing_that_is_not_one() {
     sandbox.train(&["--out", "run", "--force"]).success();
     assert!(!sandbox.path("run/tensorboard").exists());
     sandbox.write("run/tensorboard/notes.txt", "mine");
-    sandbox.refuses(&["train", "--out", "run", "--force"], &["tensorboard/notes.txt", "not of a run"]);
+    sandbox.refuses(
+        &["train", "--out", "run", "--force"],
+        &["tensorboard/notes.txt", "does not belong to a run"],
+    );
 }

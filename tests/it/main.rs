@@ -6,8 +6,10 @@ mod check;
 mod cli;
 mod cli_config;
 mod cli_eval;
+mod cli_runs;
 mod cli_show;
 mod cli_tensorboard;
+mod cli_train;
 mod config;
 mod golden_physics;
 mod golden_update;
@@ -19,6 +21,8 @@ mod report;
 mod report_html;
 #[cfg(unix)]
 mod resume;
+#[cfg(unix)]
+mod run_dir;
 #[cfg(unix)]
 mod signals;
 mod simd;

@@ -158,6 +158,13 @@ fn write_study(sandbox: &Sandbox, configs: &[(&str, &[Option<f64>])]) {
     }
 }
 
+/// What was printed, without the breaks of lines, none of which may be wider than 80 columns.
+fn unwrapped(assert: &assert_cmd::assert::Assert) -> String {
+    let printed = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
+    assert!(printed.lines().all(|line| line.chars().count() <= 80), "{printed}");
+    printed.split_whitespace().flat_map(|word| [word, " "]).collect()
+}
+
 const GOOD: [Option<f64>; 12] = [
     Some(500.0),
     Some(500.0),
@@ -219,7 +226,8 @@ fn the_report_of_a_study_by_hand() {
     // 9 of 12 above 100, one equal.
     assert_eq!(comparison["probability_of_improvement"]["value"], 9.5 / 12.0);
     assert!((comparison["iqm_difference"]["value"].as_f64().unwrap() - (iqm - 100.0)).abs() < 1e-12);
-    assert!(report["warnings"][0].as_str().unwrap().contains("1 seeds failed"));
+    let failure = json!({"trials": 1, "reason": "diverged", "config": good["name"], "seed": 10});
+    assert_eq!((&report["failures"], &report["warnings"]), (&json!([failure]), &json!([])));
 
     let csv = sandbox.read("s/evaluations.csv");
     let lines: Vec<&str> = csv.lines().collect();
@@ -236,7 +244,10 @@ fn a_report_is_the_same_bytes_again_and_can_go_elsewhere() {
     for out in ["one", "two"] {
         let printed = sandbox.run(&["report", "s", "--out", out]).success();
         let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
-        assert!(printed.contains("bad against a <&> b: probability of improvement 0.208 ["), "{printed}");
+        assert!(
+            printed.contains("Against a <&> b, the first config") && printed.contains("0.208 ["),
+            "{printed}"
+        );
         assert!(printed.contains("7 [32.0, 80.7 %]"), "{printed}");
     }
     assert!(study == tree(&sandbox, "s"));
@@ -256,11 +267,10 @@ fn fewer_than_ten_seeds_have_no_intervals_and_the_report_says_so() {
     let sandbox = Sandbox::new();
     write_study(&sandbox, &[("few", &GOOD[..9]), ("bad", &BAD[..9])]);
     let printed = sandbox.run(&["report", "s"]).success();
-    let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
-    assert!(
-        printed.contains("9 seeds are fewer than 10; an interval over so few would mislead"),
-        "{printed}"
-    );
+    let printed = unwrapped(&printed);
+    let note = "note: all 2 configs: 9 seeds are fewer than 10; an interval over so few would mislead";
+    assert!(printed.contains(note) && !printed.contains("In brackets"), "{printed}");
+    assert!(!sandbox.read("s/comparison.svg").contains("95 %"));
     fn null_intervals(value: &Value) -> usize {
         let own =
             usize::from(value.get("low") == Some(&Value::Null) && value.get("high") == Some(&Value::Null));
@@ -309,15 +319,15 @@ fn the_report_of_a_run_says_what_happened_and_when() {
     means.extend([480.0; 10]);
     means.extend([120.0, 500.0]);
     write_run(&sandbox, &means);
-    let printed = sandbox.run(&["report", "r"]).success();
-    let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
+    let printed = unwrapped(&sandbox.run(&["report", "r"]).success());
     for statement in [
-        "solved at step 600: the first of 17 evaluations ≥ 475\n",
-        "collapsed at step 1600: mean return 120.0 at step 1600, mean return 480.0 at step 1500 before; solved again at step 1700\n",
-        "  moved first: td_error.q90 was 9.0000 at step 1500, 1.1071 ± 0.0829 before\n",
-        "retained: 10 of the 11 evaluations after the first solution solve, 1 collapses, the worst is mean return 120.0",
-        "best: mean return 500.0 at step 1700\n",
-        "final: mean return 500.0 at step 1700 (the run has not ended)\n",
+        "solved at step 600: the first of 17 evaluations ≥ 475 ",
+        "collapsed at step 1600: mean return 120.0 at step 1600, mean return 480.0 at step 1500 before; solved again at step 1700 ",
+        " moved first: td_error.q90 was 9.0000 at step 1500, 1.1071 ± 0.0829 before ",
+        "retained: 10 of the 11 evaluations after the first solution solve, collapses: 1, the worst is mean return 120.0",
+        "training: mean return 500.0 over the last 17 training episodes; the classic criterion takes 100 ",
+        "best: mean return 500.0 at step 1700 ",
+        "final: mean return 500.0 at step 1700 (the run has not ended) ",
     ] {
         assert!(printed.contains(statement), "{statement:?} not in {printed}");
     }
@@ -328,7 +338,8 @@ fn the_report_of_a_run_says_what_happened_and_when() {
     );
     assert_eq!(report["collapses"][0]["moved_first"][0]["statistic"], "td_error.q90");
     assert_eq!(sandbox.read("r/evaluations.csv").lines().nth(1), Some("r,7,100,10"));
-    assert!(sandbox.read("r/learning_curve.svg").contains("last 100 training episodes"));
+    let svg = sandbox.read("r/learning_curve.svg");
+    assert!(svg.contains("last 100 training episodes") && svg.contains("<title>Learning curve of r</title>"));
 }
 
 #[test]
@@ -356,6 +367,7 @@ fn a_run_that_never_learned_is_called_so() {
         "solved_at_step",
         "statements",
         "threshold",
+        "training",
     ];
     assert_eq!(keys(&report), expected);
     // The report is part of the run: --force may replace both.
@@ -363,18 +375,102 @@ fn a_run_that_never_learned_is_called_so() {
     assert!(!sandbox.path("run/report.json").exists());
 }
 
+#[test]
+fn thirty_configs_with_long_and_foreign_names_fit_80_columns_best_first() {
+    let sandbox = Sandbox::new();
+    let names: Vec<String> = (0..30).map(|i| format!("{i}-\u{1b}[31m<&\"\n{}", "n".repeat(200))).collect();
+    let scores: Vec<[Option<f64>; 3]> = (0..30).map(|i| [Some(f64::from(i)); 3]).collect();
+    let configs: Vec<_> =
+        names.iter().zip(&scores).map(|(name, scores)| (name.as_str(), &scores[..])).collect();
+    write_study(&sandbox, &configs);
+    std::fs::remove_dir_all(sandbox.path("s/trials/7")).unwrap();
+    let output = sandbox.run(&["report", "s"]).success();
+    let printed = String::from_utf8(output.get_output().stdout.clone()).unwrap();
+    let place =
+        |rank: &str, value: &str| printed.lines().any(|line| line.starts_with(rank) && line.ends_with(value));
+    assert!(place("   1  29-", " 29.0  29.0") && place("  29  0-", "  0.0   0.0"), "{printed}");
+    let printed = unwrapped(&output);
+    assert!(printed.contains("Names in full: 1: 29-\\u{1b}[31m<&\"\\nnnn"), "{printed}");
+    assert_eq!(printed.matches("note: ").count(), 2, "{printed}");
+    assert!(
+        printed.contains("nnn: 0 of 3 seeds are finished")
+            && printed.contains("and 28 other configs: 3 seeds")
+    );
+    for plot in ["comparison.svg", "learning_curves.svg"] {
+        let svg = sandbox.read(&format!("s/{plot}"));
+        assert!(svg.contains("29-\\u{1b}[31m&lt;&amp;&quot;\\nn") && !svg.contains('\u{1b}'), "{svg}");
+    }
+}
+
+#[test]
+fn a_study_whose_trials_all_failed_has_a_report() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("a", &[None; 2])]);
+    let mut trial = sandbox.json("s/trials/0/1.json");
+    (trial["evaluations"], trial["best"]) = (json!([]), Value::Null);
+    sandbox.write("s/trials/0/1.json", trial.to_string());
+    let printed = unwrapped(&sandbox.run(&["report", "s"]).success());
+    assert!(
+        printed.contains("2 of 2 trials failed") && printed.contains("2 ×: diverged (first: a, seed 0)"),
+        "{printed}"
+    );
+    sandbox.run(&["report", "s", "--html", "page.html"]).success();
+}
+
+#[test]
+fn the_classic_criterion_takes_100_training_episodes() {
+    let sandbox = Sandbox::new();
+    for (count, said) in [(99, "the classic criterion takes 100"), (101, "≥ 475, first at step 10000")] {
+        write_run(&sandbox, &vec![480.0; count]);
+        let printed = unwrapped(&sandbox.run(&["report", "r"]).success());
+        assert!(printed.contains(said), "{printed}");
+    }
+}
+
+/// A link that leads to itself cannot be read, whoever asks.
+#[test]
+#[cfg(unix)]
+fn what_cannot_be_read_is_not_called_missing() {
+    let sandbox = Sandbox::with_run();
+    std::os::unix::fs::symlink("loop", sandbox.path("loop")).unwrap();
+    std::fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
+    std::os::unix::fs::symlink("checkpoints", sandbox.path("run/checkpoints")).unwrap();
+    for (arguments, problem) in [
+        (&["report", "loop"][..], "loop: cannot be read"),
+        (&["report", "run", "--html", "page.html"], "checkpoints/best.safetensors: cannot be read"),
+    ] {
+        sandbox.run(arguments).code(2).stdout("").stderr(predicates::str::contains(problem));
+    }
+    assert!(!sandbox.path("page.html").exists());
+}
+
+/// `/proc` takes no files from anybody.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_report_that_can_never_be_written_there_is_printed_and_refused() {
+    let sandbox = Sandbox::with_run();
+    for arguments in [["--out", "/proc/1/x"], ["--out", "/proc"], ["--html", "/proc/page.html"]] {
+        let output = sandbox.run(&[&["report", "run"], &arguments[..]].concat()).code(2);
+        let output = output.get_output();
+        let [printed, message] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+        assert!(message.contains("cannot write /proc") && !printed.contains("written"), "{printed}{message}");
+        assert_eq!(printed.contains("never learned"), arguments[0] == "--out", "{printed}");
+    }
+}
+
 const RUN: [&str; 2] = ["report", "r"];
 
 refusals! {
     refuses_a_report_of_nothing: [], ["report"] => ["DIR"];
-    refuses_a_report_of_a_missing_folder: [], RUN => ["r: is no study", "study.json", "metrics.jsonl"];
-    refuses_a_report_of_something_else: [("r/notes.txt", b"mine")], RUN => ["r: is no study"];
+    refuses_a_report_of_a_missing_folder: [], RUN => ["r: there is no such directory"];
+    refuses_a_report_of_a_file: [("r", b"mine")], RUN => ["r: is a file", "give the directory"];
+    refuses_a_report_of_something_else: [("r/notes.txt", b"mine")], RUN => ["r: is neither a study", "study.json", "metrics.jsonl"];
     refuses_a_study_of_another_format:
         [("r/study.json", b"{\"format_version\": 99, \"configs\": [], \"seeds\": {\"start\": 0, \"end\": 1}}")], RUN
         => ["r/study.json", "format_version 99", "reads 1"];
     refuses_a_study_without_a_trial:
         [("r/study.json", b"{\"format_version\": 1, \"configs\": [{\"name\": \"a\"}], \"seeds\": {\"start\": 0, \"end\": 1}}")],
-        RUN => ["no trial of config \"a\"", "command first"];
+        RUN => ["no trial is finished", "command first"];
     refuses_a_damaged_trial:
         [("r/study.json", b"{\"format_version\": 1, \"configs\": [{\"name\": \"a\"}], \"seeds\": {\"start\": 0, \"end\": 1}}"),
          ("r/trials/0/0.json", b"{\"config\"")], RUN => ["r/trials/0/0.json", "line 1"];

@@ -56,16 +56,16 @@ fn the_policy_in_the_page_is_the_one_that_eval_plays() {
     assert_eq!(episode["seed"], trace[0]["seed"]);
     assert_eq!(episode["positions"].as_array().unwrap().len(), trace.len() + 1);
     for (i, step) in trace.iter().enumerate() {
-        let close = |ours: &Value, theirs: &Value, scale: f64| {
-            let (ours, theirs) = (ours.as_f64().unwrap(), theirs.as_f64().unwrap() / scale);
+        let close = |ours: &Value, theirs: &Value| {
+            let (ours, theirs) = (ours.as_f64().unwrap(), theirs.as_f64().unwrap());
             assert!((ours - theirs).abs() < 1e-4, "step {i}: {ours}, {theirs}");
         };
         assert_eq!(episode["actions"][i], step["action"], "step {i}");
         for (series, coordinate) in [("positions", 0), ("angles", 2), ("velocities", 3)] {
-            close(&episode[series][i], &step["state"][coordinate], 1.0);
+            close(&episode[series][i], &step["state"][coordinate]);
         }
         for action in 0..2 {
-            close(&episode["q_values"][i][action], &step["q_values"][action], 0.5);
+            close(&episode["q_values"][i][action], &step["q_values"][action]);
         }
     }
     let portrait = &page["runs"][0]["portrait"];
@@ -125,16 +125,36 @@ fn a_page_replaces_a_page_and_nothing_else() {
     for _ in 0..2 {
         sandbox.run(&["report", "run", "--html", "run/report.html"]).success();
     }
-    sandbox.refuses(&["report", "run", "--html", "run/metrics.jsonl"], &["run/metrics.jsonl", "no page"]);
-    sandbox.refuses(&["report", "run", "--html", "run"], &["a folder"]);
+    sandbox
+        .refuses(&["report", "run", "--html", "run/metrics.jsonl"], &["run/metrics.jsonl", "other content"]);
+    sandbox.refuses(&["report", "run", "--html", "run"], &["a directory"]);
     // The page is part of the run: --force may replace both.
     sandbox.train(&["--out", "run", "--force"]).success();
     assert!(!sandbox.path("run/report.html").exists());
 }
 
+#[test]
+fn runs_of_the_same_name_are_told_apart_and_a_page_goes_to_standard_output() {
+    let sandbox = Sandbox::new();
+    for out in ["a/x/run", "b/x/run", "other"] {
+        sandbox.train(&["--quiet", "--out", out]).success();
+    }
+    let before = sandbox.files();
+    let output = sandbox.run(&["report", "a/x/run", "b/x/run", "other", "--html", "-"]).success().stderr("");
+    let page = String::from_utf8(output.get_output().stdout.clone()).unwrap();
+    check(&page);
+    let names: Vec<Value> =
+        data(&page)["runs"].as_array().unwrap().iter().map(|run| run["name"].clone()).collect();
+    assert_eq!(names, ["a/x/run", "b/x/run", "other"]);
+    assert!(page.contains("the bold line is the mean return of an evaluation"));
+    assert!(before == sandbox.files());
+    sandbox.refuses(&["report", "other", "other", "--html", "-"], &["other: is given twice"]);
+}
+
 refusals! {
+    refuses_a_page_in_a_missing_directory: [("r/metrics.jsonl", b"")], ["report", "r", "--html", "no/p.html"] => ["no directory no"];
     refuses_a_page_of_nothing: [], ["report", "--html", "page.html"] => ["DIR"];
-    refuses_a_page_of_something_else: [("r/notes.txt", b"mine")], ["report", "r", "--html", "page.html"] => ["r: is no study", "no run"];
-    refuses_several_folders_without_a_page: [], ["report", "a", "b"] => ["several folders need --html"];
+    refuses_a_page_of_something_else: [("r/notes.txt", b"mine")], ["report", "r", "--html", "page.html"] => ["r: is neither a study", "nor a run"];
+    refuses_several_folders_without_a_page: [], ["report", "a", "b"] => ["several directories need --html"];
     refuses_a_page_and_a_folder: [], ["report", "a", "--html", "p", "--out", "o"] => ["--html", "--out"];
 }

@@ -110,9 +110,59 @@ fn a_run_that_was_killed_before_its_first_checkpoint_starts_again() {
     sandbox.train(&["--out", "killed"]).success();
     fs::remove_dir_all(sandbox.path("killed/checkpoints")).unwrap();
     fs::remove_file(sandbox.path("killed/summary.json")).unwrap();
-    let noted = predicate::str::contains("note: the run has no checkpoint yet; starts again at step 0");
+    sandbox.write("killed/metrics.jsonl", "");
+    let noted = predicate::str::contains("note: the run has no checkpoint yet, so it starts again at step 0");
     sandbox.run(&["train", "--quiet", "--resume", "killed"]).success().stderr(noted);
     assert_same_runs(&sandbox, "run", "killed");
+}
+
+#[test]
+fn a_run_that_has_lost_its_checkpoints_is_refused_and_keeps_what_it_has() {
+    let resume = ["train", "--resume", "run", "--set", "budget.steps=300"];
+    for kept in ["run/metrics.jsonl", BEST, "run/summary.json"] {
+        let sandbox = Sandbox::with_run();
+        for file in [LAST, PREVIOUS, BEST, "run/summary.json"] {
+            if file != kept {
+                fs::remove_file(sandbox.path(file)).unwrap();
+            }
+        }
+        if kept != "run/metrics.jsonl" {
+            sandbox.write("run/metrics.jsonl", "");
+        }
+        sandbox.refuses(&resume, &["last.safetensors", "previous.safetensors", "missing", "train again"]);
+    }
+}
+
+#[test]
+fn an_extended_run_says_which_schedules_have_ended_and_how_to_stretch_them() {
+    let sandbox = Sandbox::new();
+    let schedules = sets(&["optimizer.schedule.steps=200", "exploration.steps=100"]);
+    sandbox.train(&[&schedules[..], &["--out", "run"]].concat()).success();
+    let noted = predicate::str::contains("ends at step 200: from there on the rate is 0")
+        .and(predicate::str::contains("--set optimizer.schedule.steps=300"))
+        .and(predicate::str::contains("the schedule of epsilon ended at step 100"))
+        .and(predicate::str::contains("--set exploration.steps=300"));
+    let resume = ["train", "--quiet", "--resume", "run", "--set", "budget.steps=300"];
+    sandbox.run(&resume).success().stderr(noted);
+}
+
+#[test]
+fn an_extended_run_with_another_schedule_is_a_branch_and_verify_says_so() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "optimizer.schedule.steps=200"]).success();
+    let before = sandbox.json("run/summary.json");
+    let schedule = sets(&["budget.steps=300", "optimizer.schedule.steps=400"]);
+    let resume = [&["train", "--quiet", "--resume", "run"], &schedule[..]].concat();
+    sandbox.run(&resume).success().stderr(
+        predicate::str::contains("from step 200 on").and(predicate::str::contains("a branch of its own")),
+    );
+    let summary = sandbox.json("run/summary.json");
+    assert_eq!(summary["branched_at_step"], 200);
+    assert_ne!(summary["weights_sha256"], before["weights_sha256"]);
+    assert_eq!(sandbox.json("run/config.json")["optimizer"]["schedule"]["steps"], 400);
+    sandbox.refuses(&["verify", "run"], &["cannot be verified", "from step 200 on"]);
+    // The branch goes on as any run does.
+    sandbox.run(&["train", "--quiet", "--resume", "run", "--set", "budget.steps=350"]).success();
 }
 
 #[test]
@@ -140,9 +190,10 @@ fn a_resumed_run_can_change_its_budget_alone() {
     let refuses = |arguments: &[&str], words: &[&str]| {
         sandbox.refuses(&[&["train", "--resume", "run"], arguments].concat(), words);
     };
-    refuses(&["--set", "gamma=0.5"], &["folder run", "its `gamma` is 0.995, and 0.5 is given", "budget"]);
+    refuses(&["--set", "gamma=0.5"], &["directory run", "its `gamma` is 0.995, and 0.5 is given", "budget"]);
     refuses(&["--seed", "5"], &["its `seed` is 0, and 5 is given", "budget"]);
-    refuses(&["--set", "exploration.steps=9"], &["`exploration.steps`", "budget"]);
+    refuses(&["--set", "exploration.steps=9"], &["has ended", "larger budget with the schedule"]);
+    refuses(&["--set", "exploration.schedule=per_episode"], &["`exploration", "budget"]);
     refuses(&["--set", "budget.steps=150"], &["past the budget {\"steps\":150}", "at step 200", "larger"]);
     refuses(&["--set", "budget.steps=x"], &["`budget.steps`", "integer"]);
     sandbox.run(&["train", "--resume", "run", "--set", "gamma=0.995", "--seed", "0"]).success();
@@ -155,9 +206,10 @@ fn resume_takes_no_other_run_config_or_folder() {
         let arguments = [&["train", "--resume", "run"], flag].concat();
         sandbox.refuses(&arguments, &["--resume", flag[0], "cannot be used with"]);
     }
-    sandbox.refuses(&["train", "--resume", "nowhere"], &["folder nowhere is no folder", "runs/my-run"]);
-    sandbox.refuses(&["train", "--resume", LAST], &["is no folder", "runs/my-run"]);
-    sandbox.refuses(&["train", "--resume", "."], &["is no run", "config.json", "No such file"]);
+    sandbox
+        .refuses(&["train", "--resume", "nowhere"], &["directory nowhere is not a directory", "runs/my-run"]);
+    sandbox.refuses(&["train", "--resume", LAST], &["is not a directory", "runs/my-run"]);
+    sandbox.refuses(&["train", "--resume", "."], &["does not hold a run", "config.json", "No such file"]);
     sandbox.write("run/config.json", "{\"gamma\": 7}");
     sandbox.refuses(&["train", "--resume", "run"], &["run/config.json", "`gamma`", "from 0 to 1"]);
 }
@@ -168,7 +220,7 @@ fn a_config_that_was_changed_by_hand_is_refused() {
     let changed = sandbox.read("run/config.json").replace("\"gamma\": 0.995", "\"gamma\": 0.98");
     sandbox.write("run/config.json", changed);
     let arguments = ["train", "--resume", "run", "--set", "budget.steps=300"];
-    sandbox.refuses(&arguments, &[LAST, "not of the config beside it", "`gamma` is 0.98, and 0.995"]);
+    sandbox.refuses(&arguments, &[LAST, "does not belong to the config.json", "`gamma` is 0.98, and 0.995"]);
 }
 
 #[test]
@@ -177,7 +229,7 @@ fn metrics_that_were_cut_off_are_refused() {
     let first = sandbox.read("run/metrics.jsonl").lines().next().unwrap().to_owned();
     sandbox.write("run/metrics.jsonl", first + "\n");
     let arguments = ["train", "--resume", "run", "--set", "budget.steps=300"];
-    sandbox.refuses(&arguments, &["metrics.jsonl with fewer than the", "lines"]);
+    sandbox.refuses(&arguments, &["metrics.jsonl with fewer lines than the"]);
     fs::remove_file(sandbox.path("run/metrics.jsonl")).unwrap();
     sandbox.refuses(&arguments, &["has no metrics.jsonl"]);
 }
@@ -200,7 +252,7 @@ fn a_damaged_checkpoint_gives_way_to_the_previous_one() {
         }
         let resume = ["train", "--quiet", "--resume", "run", "--set", "budget.steps=333"];
         let noted = predicate::str::contains(format!("note: checkpoint {LAST}"))
-            .and(predicate::str::contains(format!("goes on from {PREVIOUS} at step 200")));
+            .and(predicate::str::contains(format!("resuming from {PREVIOUS} at step 200")));
         sandbox.run(&resume).success().stderr(noted);
         assert_same_runs(&sandbox, "whole", "run");
     }
@@ -241,7 +293,7 @@ fn links_and_folders_in_a_run_are_not_written_through() {
         sandbox.refuses(&arguments, &[file, "link"]);
         fs::remove_file(sandbox.path(file)).unwrap();
         fs::create_dir(sandbox.path(file)).unwrap();
-        sandbox.refuses(&arguments, &["folder run"]);
+        sandbox.refuses(&arguments, &["directory run"]);
     }
 }
 
@@ -261,7 +313,7 @@ fn two_processes_cannot_write_one_run() {
     for arguments in
         [&["train", "--resume", "run"][..], &["train", "--force", "--out", "run"], &["verify", "run"]]
     {
-        sandbox.run(arguments).code(2).stderr(predicate::str::contains("in use: another process"));
+        sandbox.run(arguments).code(2).stderr(predicate::str::contains("in use by another process"));
     }
     // The kernel releases the lock of a process that dies.
     child.kill().unwrap();
@@ -312,7 +364,7 @@ fn verify_takes_a_run_that_has_not_ended_up_to_its_checkpoint() {
     sandbox.run(&["verify", "run"]).success().stdout(said.unwrap());
     fs::remove_file(sandbox.path(LAST)).unwrap();
     sandbox.refuses(&["verify", "run"], &[LAST, "No such file"]);
-    sandbox.refuses(&["verify", "nowhere"], &["nowhere is no folder"]);
+    sandbox.refuses(&["verify", "nowhere"], &["nowhere is not a directory"]);
 }
 
 #[test]

@@ -61,6 +61,17 @@ fn a_signal_stops_a_run_with_a_checkpoint_and_its_own_exit_code() {
     }
 }
 
+#[test]
+fn json_says_how_far_a_stopped_run_came() {
+    let sandbox = Sandbox::new();
+    let child = start(&sandbox, &["--json", "--set", "budget.steps=1000000000"]);
+    kill(&child, "-TERM");
+    let (output, _) = end(child);
+    assert_eq!(output.status.code(), Some(143));
+    let record: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(record["end_reason"], "interrupted");
+}
+
 /// The step in question takes hours.
 #[test]
 fn a_second_signal_ends_a_run_at_once() {
@@ -94,4 +105,27 @@ fn a_run_under_nohup_outlives_its_terminal() {
     assert_eq!(child.try_wait().unwrap(), None);
     kill(&child, "-TERM");
     assert_eq!(child.wait().unwrap().code(), Some(143));
+}
+
+#[test]
+fn a_signal_leaves_no_temporary_file_of_a_trace() {
+    let sandbox = Sandbox::with_run();
+    for (signal, exit_code) in [("-INT", 130), ("-TERM", 143), ("-HUP", 143)] {
+        let before: Vec<_> = sandbox.files().into_keys().collect();
+        let child = Command::new(assert_cmd::cargo::cargo_bin!("cartpole-dqn"))
+            .current_dir(sandbox.path("."))
+            .args(["eval", "--policy", "random", "--episodes", "10000000", "--trace", "trace.jsonl"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        wait_until(|| {
+            let files = std::fs::read_dir(sandbox.path(".")).unwrap().flatten();
+            files.map(|file| file.path()).any(|path| path.extension().is_some_and(|end| end == "tmp"))
+        });
+        kill(&child, signal);
+        let (output, _) = end(child);
+        assert_eq!(output.status.code(), Some(exit_code));
+        assert_eq!(before, sandbox.files().into_keys().collect::<Vec<_>>());
+    }
 }

@@ -36,7 +36,7 @@ refusals! {
     refuses_no_seeds: [], ["study", "--out", "s", "--seeds", "2..2"] => ["'2..2'", "A < B", "0..100"];
     refuses_seeds_that_are_no_range: [], ["study", "--out", "s", "--seeds", "10"] => ["'10'", "A..B"];
     refuses_negative_seeds: [], ["study", "--out", "s", "--seeds", "-1..3"] => ["-1..3", "A..B"];
-    refuses_no_jobs: [], ["study", "--out", "s", "--seeds", "0..2", "--jobs", "0"] => ["--jobs", "1..=4096"];
+    refuses_no_jobs: [], ["study", "--out", "s", "--seeds", "0..2", "--jobs", "0"] => ["--jobs", "from 1 to 4096"];
     refuses_an_invalid_variation_before_anything_is_written:
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,1.5"]
         => ["variation gamma=1.5", "`gamma` is 1.5", "from 0 to 1"];
@@ -48,11 +48,20 @@ refusals! {
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,"] => ["--vary", "missing"];
     refuses_a_value_that_comes_twice:
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,0.9"] => ["--vary", "twice"];
+    refuses_a_value_that_comes_twice_in_two_spellings:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.90,0.9"]
+        => ["gamma=0.90 and gamma=0.9 are the same config"];
+    refuses_to_set_what_is_varied:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,1", "--set", "gamma=0.5"]
+        => ["--vary gamma overwrites --set gamma=0.5"];
+    refuses_to_set_a_part_of_what_is_varied:
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "target=[{\"kind\":\"none\"}]", "--set", "target.kind=none"]
+        => ["--vary target overwrites --set target.kind"];
     refuses_a_key_that_is_varied_twice:
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9", "--vary", "gamma=1"]
         => ["--vary gamma", "twice"];
     refuses_a_list_that_is_no_json:
-        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "network.hidden=[[8]"] => ["no JSON list"];
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "network.hidden=[[8]"] => ["expected a JSON list"];
     refuses_objects_outside_a_list:
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "target={\"kind\":\"none\"}"] => ["target=[{"];
     refuses_a_variation_of_the_seed:
@@ -70,12 +79,12 @@ refusals! {
     refuses_a_missing_config_for_a_study:
         [], ["study", "--out", "s", "--seeds", "0..2", "--config", "no.json"] => ["no.json", "No such file"];
     refuses_a_folder_with_something_else:
-        [("s/notes.txt", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "not empty", "--out"];
-    refuses_a_study_into_a_file: [("s", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "--out"];
+        [("s/notes.txt", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "not empty", "--out"];
+    refuses_a_study_into_a_file: [("s", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "--out"];
     refuses_a_manifest_of_something_else:
-        [("s/study.json", b"[1]")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "another study"];
+        [("s/study.json", b"[1]")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "another study"];
     refuses_a_manifest_that_is_no_json:
-        [("s/study.json", b"x")], ["study", "--out", "s", "--seeds", "0..2"] => ["folder s", "study.json", "line 1"];
+        [("s/study.json", b"x")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "study.json", "line 1"];
 }
 
 #[test]
@@ -120,6 +129,39 @@ fn a_killed_study_goes_on_where_it_stopped() {
     assert_eq!(first, kept, "a finished trial ran again");
 }
 
+/// The trials in question take hours.
+#[test]
+#[cfg(unix)]
+fn a_signal_ends_a_study_which_says_how_to_resume_it() {
+    for (signal, exit_code) in [("-INT", 130), ("-TERM", 143)] {
+        let sandbox = Sandbox::new();
+        let program = assert_cmd::cargo::cargo_bin!("cartpole-dqn");
+        let endless =
+            ["study", "--jobs", "2", "--out", "s", "--seeds", "0..4", "--set", "budget.steps=4000000000"];
+        let child = std::process::Command::new(program)
+            .current_dir(sandbox.path("."))
+            .args(endless)
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        while !sandbox.path("s/trials/0").exists() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let id = child.id().to_string();
+        assert!(std::process::Command::new("kill").args([signal, &id]).status().unwrap().success());
+        let output = child.wait_with_output().unwrap();
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!((output.status.code(), &output.stdout[..]), (Some(exit_code), &b""[..]), "{message}");
+        assert!(message.contains("stopped: 0 of 4 trials are finished and kept"), "{message}");
+        let command = " study --jobs 2 --out s --seeds 0..4 --set budget.steps=4000000000\n";
+        assert!(message.ends_with(command), "{message}");
+        assert_eq!(trials(&sandbox, "s"), 0);
+        let unfinished = |path: &PathBuf| path.to_string_lossy().contains(".writing-");
+        assert!(!tree(&sandbox, "s").keys().any(unfinished));
+    }
+}
+
 #[test]
 fn a_study_grows_by_seeds_and_equals_one_that_had_them_from_the_start() {
     let sandbox = Sandbox::new();
@@ -133,9 +175,9 @@ fn a_study_grows_by_seeds_and_equals_one_that_had_them_from_the_start() {
     run("whole", "0..4");
     assert!(tree(&sandbox, "grown") == tree(&sandbox, "whole"));
     let fewer = [&["study", "--out", "grown", "--seeds", "0..2"], &sets(TINY)[..]].concat();
-    sandbox.refuses(&fewer, &["folder grown", "`seeds.end` is 4", "2 is given"]);
+    sandbox.refuses(&fewer, &["directory grown", "`seeds.end` is 4", "2 is given"]);
     let others = [&["study", "--out", "grown", "--seeds", "1..5"], &sets(TINY)[..]].concat();
-    sandbox.refuses(&others, &["folder grown", "`seeds.start` is 0", "1 is given"]);
+    sandbox.refuses(&others, &["directory grown", "`seeds.start` is 0", "1 is given"]);
 }
 
 #[test]
@@ -146,13 +188,13 @@ fn a_changed_study_is_refused_with_the_key() {
     let gamma = ["study", "--vary", "gamma=0.9,0.95", "--seeds", "3..9", "--out", "s"];
     sandbox.refuses(
         &[&gamma[..], &sets(TINY)].concat(),
-        &["folder s", "`configs.1.name`", "gamma=0.99", "gamma=0.95"],
+        &["directory s", "`configs.1.name`", "gamma=0.99", "gamma=0.95"],
     );
     sandbox.refuses(
         &changed(&["--set", "replay.capacity=99"]),
         &["`configs.0.config.replay.capacity`", "99 is given"],
     );
-    sandbox.refuses(&changed(&["--vary", "learn.updates=1,2"]), &["folder s", "2 configs", "4 are given"]);
+    sandbox.refuses(&changed(&["--vary", "double=false,true"]), &["directory s", "2 configs", "4 are given"]);
 }
 
 #[test]
@@ -171,19 +213,37 @@ fn a_trial_that_fails_is_recorded_and_stops_nothing() {
     let sandbox = Sandbox::new();
     let diverging = [&sets(DIVERGING)[..], &["--set", "evaluation.every_steps=100"]].concat();
     let vary = ["--vary", "optimizer.learning_rate=1,0.001", "--set", "budget.steps=400", "--seeds", "0..3"];
-    let diverging: Vec<&str> =
-        diverging.chunks(2).filter(|set| !set[1].starts_with("budget")).flatten().copied().collect();
+    let varied = |set: &str| set.starts_with("budget") || set.starts_with("optimizer.learning_rate");
+    let diverging: Vec<&str> = diverging.chunks(2).filter(|set| !varied(set[1])).flatten().copied().collect();
     let arguments = [&["study", "--out", "s"], &diverging[..], &vary].concat();
-    let printed = sandbox.run(&arguments).success();
-    let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
+    let output = sandbox.run(&arguments).code(1);
+    let printed = String::from_utf8(output.get_output().stdout.clone()).unwrap();
     assert!(printed.contains("trials     6") && printed.contains("failed     2"), "{printed}");
+    assert!(
+        printed.contains("2 of 6 trials failed") && printed.contains("2 ×: training diverged: at"),
+        "{printed}"
+    );
+    // The same numbers as those of the report, below each other in 80 columns, the best config first.
+    let table =
+        |text: &str| text.lines().skip_while(|line| !line.starts_with("rank")).take(3).collect::<String>();
+    let report = sandbox.run(&["report", "s", "--out", "elsewhere"]).success();
+    let report = String::from_utf8(report.get_output().stdout.clone()).unwrap();
+    assert_eq!(table(&printed), table(&report));
+    assert!(printed.contains("\n   1  cartpole optimizer.learning_rate=0.001 "), "{printed}");
+    assert!(printed.lines().all(|line| line.chars().count() <= 80), "{printed}");
     let failed = sandbox.json("s/trials/0/2.json");
     assert_eq!((&failed["summary"], &failed["final"]), (&Value::Null, &Value::Null));
     assert!(failed["error"].as_str().unwrap().starts_with("training diverged: at environment step"));
     let good = sandbox.json("s/trials/1/1.json");
     assert_eq!((&good["error"], &good["summary"]["env_steps"]), (&Value::Null, &json!(400)));
     // They are not tried again, and not counted less.
-    sandbox.run(&arguments).success().stdout(printed);
+    sandbox.run(&arguments).code(1).stdout(printed);
+    let quiet = [&arguments[..], &["--quiet"]].concat();
+    sandbox
+        .run(&quiet)
+        .code(1)
+        .stdout("")
+        .stderr(predicates::str::contains("2 of 6 trials failed, for example"));
 }
 
 #[test]
@@ -199,14 +259,16 @@ fn a_trial_is_what_train_and_eval_give() {
         let expected = ["best", "config", "error", "evaluations", "final", "seed", "summary"];
         assert_eq!(keys(&trial), expected);
         let mut summary = sandbox.json(&format!("{run}/summary.json"));
-        for circumstance in ["wall_seconds", "config_sha256", "version", "git_revision", "cpu_path"] {
+        for circumstance in
+            ["wall_seconds", "config_sha256", "version", "git_revision", "cpu_path", "mean_return_100"]
+        {
             summary.as_object_mut().unwrap().remove(circumstance).unwrap();
         }
         assert_eq!(trial["summary"], summary);
         for (policy, steps) in [("best", "best_evaluation"), ("final", "final_evaluation")] {
             let file = format!("{run}/checkpoints/{}.safetensors", policy.replace("final", "last"));
             let mut score = stdout_json(&sandbox.run(&["eval", "--json", "--checkpoint", &file]).success());
-            for key in ["episodes", "seed", "solved", "returns"] {
+            for key in ["policy", "episodes", "seed", "solved", "returns"] {
                 score.as_object_mut().unwrap().remove(key);
             }
             score["env_steps"] = summary[steps]["env_steps"].clone();

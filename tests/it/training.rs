@@ -264,7 +264,7 @@ fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
     assert!(stored.rewards.iter().all(|&reward| reward == 0.25));
 
     // Powers of two: both ways round alike.
-    let mut policy = cartpole_dqn::agent::Greedy::new(scaled.policy(), 1);
+    let mut policy = cartpole_dqn::agent::Greedy::new(scaled.policy(), 1).with_reward_scale(0.25);
     scaled.epsilon = -1.0;
     for observation in plain.observations.chunks_exact(4) {
         assert_eq!(scaled.act(observation), policy.act(observation));

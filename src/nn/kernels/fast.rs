@@ -374,7 +374,8 @@ const fn strip_len(batch: usize) -> usize {
     if batch * 64 > PACKED { batch * 64 } else { PACKED }
 }
 
-/// What a sum in C starts from, and what is stored of it; `lanes` of its vector are meant.
+/// The initial value of an accumulator (bias or 0), and what happens to the sum before it is stored (ReLU, mask). Only the
+/// first `lanes` lanes are valid.
 trait Ends: Copy {
     unsafe fn start<V: Vector>(self, row: usize, column: usize, lanes: usize) -> V;
     unsafe fn finish<V: Vector>(self, sum: V, row: usize, column: usize, lanes: usize) -> V;
@@ -480,8 +481,7 @@ impl Product {
         }
     }
 
-    /// A strip of `WIDTH` vectors of columns, or of all columns where those are fewer than a vector's lanes and the strip
-    /// so not `FULL`.
+    /// Computes `WIDTH` vectors of columns. Without `FULL`, C is narrower than one vector and partial loads are used.
     #[inline(always)]
     unsafe fn strip<V: Vector, const WIDTH: usize, const FULL: bool, const TALLEST: usize>(
         self,
@@ -526,7 +526,7 @@ impl Product {
     }
 
     /// Copies a strip of B that is used often enough to rows that follow each other, because rows a power of two
-    /// apart push each other out of the cache.
+    /// apart map to the same cache sets.
     #[inline(always)]
     unsafe fn packed<V: Vector, const WIDTH: usize>(self) -> Self {
         let width = WIDTH * V::LANES;

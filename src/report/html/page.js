@@ -7,7 +7,8 @@ function show(runs) {
   const STEPS_PER_SECOND = 50;
   const NAMES = ['left', 'right'];
   const ANGLES = [-10, -5, 0, 5, 10];
-  const VELOCITIES = [-2, -1, 0, 1, 2];
+  const VELOCITIES = [-100, -50, 0, 50, 100];
+  const DEGREES = 180 / Math.PI;
   let policy = runs[0].portrait;
   // The moment that is shown, in steps; between two steps the drawing is interpolated.
   let moment = 0;
@@ -79,7 +80,7 @@ function show(runs) {
     drawing.putImageData(pixels, 0, 0);
   }
 
-  const MARGIN = { left: 40, right: 8, top: 8, bottom: 38 };
+  const MARGIN = { left: 48, right: 8, top: 8, bottom: 38 };
   const mapPlace = (angle, velocity, width, height) => [
     MARGIN.left + (angle / policy.max_angle + 1) / 2 * (width - MARGIN.left - MARGIN.right),
     MARGIN.top + (1 - velocity / policy.max_velocity) / 2 * (height - MARGIN.top - MARGIN.bottom),
@@ -98,20 +99,20 @@ function show(runs) {
     drawing.strokeRect(left, top, right - left, bottom - top);
     drawing.textAlign = 'center';
     for (const degrees of ANGLES) {
-      const [x] = mapPlace(degrees * Math.PI / 180, 0, width, height);
+      const [x] = mapPlace(degrees / DEGREES, 0, width, height);
       drawing.fillText(String(degrees).replace('-', '−') + '°', x, bottom + 15);
     }
     drawing.fillText('pole angle', (left + right) / 2, bottom + 31);
     drawing.textAlign = 'right';
     for (const velocity of VELOCITIES) {
-      const [, y] = mapPlace(0, velocity, width, height);
+      const [, y] = mapPlace(0, velocity / DEGREES, width, height);
       drawing.fillText(String(velocity).replace('-', '−'), left - 5, y + 4);
     }
     drawing.save();
     drawing.translate(12, (top + bottom) / 2);
     drawing.rotate(-Math.PI / 2);
     drawing.textAlign = 'center';
-    drawing.fillText('angular velocity, rad/s', 0, 0);
+    drawing.fillText('angular velocity, °/s', 0, 0);
     drawing.restore();
 
     const { angles, velocities } = policy.episode;
@@ -205,10 +206,10 @@ function show(runs) {
     const row = Math.round((1 - share(event.clientY - top, MARGIN.top, height - MARGIN.bottom)) * (size - 1));
     if (column < 0 || row < 0 || column >= size || row >= size) return;
     const gap = preference[row * size + column];
-    const angle = (2 * column / (size - 1) - 1) * max_angle * 180 / Math.PI;
-    const velocity = (2 * row / (size - 1) - 1) * max_velocity;
+    const angle = (2 * column / (size - 1) - 1) * max_angle * DEGREES;
+    const velocity = (2 * row / (size - 1) - 1) * max_velocity * DEGREES;
     element('value').textContent =
-      `${shown(angle)}°, ${shown(velocity)} rad/s: pushes ${NAMES[gap > 0 ? 1 : 0]}, action gap ${shown(Math.abs(gap))}`;
+      `${shown(angle)}°, ${shown(velocity)} °/s: pushes ${NAMES[gap > 0 ? 1 : 0]}, action gap ${shown(Math.abs(gap))}`;
   });
 
   if (runs.length > 1) {

@@ -1,0 +1,99 @@
+//! The policy that a command plays or describes: what the user typed, or the newest run.
+
+use std::io::{self, IsTerminal, Read};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::run_dir::checkpoint_of;
+use super::runs;
+use super::{Failure, note};
+use crate::checkpoint::{Checkpoint, CheckpointError, Problem};
+use crate::env::{CartPole, TimeLimit};
+use crate::files::read_text_limited;
+use crate::study::Trial;
+use crate::text::shown;
+use crate::trainer::SavedPolicy;
+
+/// Standard input or output, where a file can be given.
+pub(super) const STANDARD: &str = "-";
+/// Where `train` puts its runs.
+pub(super) const RUNS: &str = "runs";
+/// Largest file that could be a study's trial, in bytes.
+const MAX_TRIAL: u64 = 1 << 26;
+
+/// Where a command finds its policy.
+#[derive(Debug, Args)]
+pub(super) struct Place {
+    /// A run (its best policy, else its last), a checkpoint, or a safetensors file of a torch.nn.Sequential; "-" is
+    /// standard input [default: the newest run below runs/]
+    #[arg(value_name = "PATH")]
+    path: Option<PathBuf>,
+    /// The same as PATH
+    #[arg(long, value_name = "PATH", conflicts_with = "path")]
+    checkpoint: Option<PathBuf>,
+}
+
+/// A checkpoint that has been found and read.
+pub(super) struct Found {
+    /// What the user typed, or the newest run.
+    pub place: PathBuf,
+    /// The file that was read.
+    pub file: PathBuf,
+    pub checkpoint: Checkpoint,
+}
+
+impl Place {
+    /// Reads the checkpoint that is meant. Only if the user typed nothing is a note printed, unless `quiet`: which run it
+    /// is.
+    pub(super) fn find(&self, quiet: bool) -> Result<Found, Failure> {
+        let typed = self.path.as_ref().or(self.checkpoint.as_ref());
+        let place = match typed {
+            Some(place) if place == Path::new(STANDARD) => return read_standard_input(),
+            Some(place) => place.clone(),
+            None => {
+                let run = runs::newest_with_policy(Path::new(RUNS))?;
+                if !quiet {
+                    note(&format!("no path is given, so this is the newest run: {}", shown(&run)));
+                }
+                run
+            }
+        };
+        let file = checkpoint_of(&place)?;
+        let checkpoint = Checkpoint::read(&file).map_err(|error| match is_trial(&error) {
+            true => Failure::BadInput(format!(
+                "{} is a trial of a study: it keeps scores and no policy. To get the policy, train its config with its \
+                 seed again: cartpole-dqn train --config FILE --seed N",
+                shown(&file)
+            )),
+            false => error.into(),
+        })?;
+        Ok(Found { place, file, checkpoint })
+    }
+}
+
+impl Found {
+    pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
+        let policy = SavedPolicy::of::<TimeLimit<CartPole>>(&self.checkpoint);
+        policy.map_err(|problem| CheckpointError { path: self.file.clone(), problem }.into())
+    }
+}
+
+fn read_standard_input() -> Result<Found, Failure> {
+    let file = PathBuf::from("standard input");
+    let mut stdin = io::stdin().lock();
+    if stdin.is_terminal() {
+        return Err(Failure::BadInput(
+            "standard input is a terminal; send a checkpoint to it: cartpole-dqn eval - < last.safetensors"
+                .into(),
+        ));
+    }
+    let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
+        .map_err(|problem| CheckpointError { path: file.clone(), problem })?;
+    Ok(Found { place: STANDARD.into(), file, checkpoint })
+}
+
+fn is_trial(error: &CheckpointError) -> bool {
+    let trial = || serde_json::from_str::<Trial>(&read_text_limited(&error.path, MAX_TRIAL).ok()?).ok();
+    matches!(error.problem, Problem::NotSafetensors(_)) && trial().is_some()
+}

@@ -1,0 +1,150 @@
+//! The configs of a study, the best first, and why trials failed.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::ReportError;
+use super::history::THRESHOLD;
+use super::statistics::{Estimate, LEAST_SEEDS, iqm, mean, sorted};
+use super::study::{Manifest, footnote, read_trials, score, shown};
+use crate::study::Trial;
+use crate::text::{legend, table, visible, wrapped};
+
+/// Most reasons that are printed.
+const MAX_REASONS: usize = 5;
+
+/// What decides the place of a config.
+#[derive(Clone, Debug)]
+pub(super) struct Ranked {
+    pub(super) name: String,
+    pub(super) seeds: usize,
+    pub(super) failed: usize,
+    /// Seeds whose final policy solves.
+    pub(super) solved: usize,
+    pub(super) iqm: Estimate,
+    pub(super) mean: f64,
+}
+
+/// Trials that failed for the same reason.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Failures {
+    trials: usize,
+    /// That of the first, with its numbers.
+    reason: String,
+    config: String,
+    seed: u64,
+}
+
+impl Ranked {
+    fn of(name: &str, trials: &[Trial]) -> Self {
+        let finals = sorted(trials.iter().map(|trial| score(trial.final_.as_ref())));
+        Self {
+            name: name.into(),
+            seeds: trials.len(),
+            failed: trials.iter().filter(|trial| trial.error.is_some()).count(),
+            solved: finals.iter().filter(|&&score| score >= THRESHOLD).count(),
+            iqm: Estimate::of(&finals, iqm),
+            mean: mean(&finals),
+        }
+    }
+}
+
+/// The places of the configs, the best first: by final IQM, then by mean, then as the study has them.
+pub(super) fn order<'a>(scores: impl Iterator<Item = &'a Ranked>) -> Vec<usize> {
+    let scores: Vec<(f64, f64)> = scores.map(|ranked| (ranked.iqm.value, ranked.mean)).collect();
+    let mut order: Vec<usize> = (0..scores.len()).collect();
+    order.sort_by(|&a, &b| {
+        let ((iqm_a, mean_a), (iqm_b, mean_b)) = (scores[a], scores[b]);
+        iqm_b.total_cmp(&iqm_a).then(mean_b.total_cmp(&mean_a))
+    });
+    order
+}
+
+/// The rows of the ranked table.
+pub(super) fn rows<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Vec<Vec<String>> {
+    let heading = ["rank", "config", "seeds", "failed", "solved", "IQM", "mean"].map(String::from);
+    let row = |(i, config): (usize, &Ranked)| {
+        vec![
+            (i + 1).to_string(),
+            visible(&config.name),
+            config.seeds.to_string(),
+            config.failed.to_string(),
+            config.solved.to_string(),
+            shown(&config.iqm, 1),
+            format!("{:.1}", config.mean),
+        ]
+    };
+    std::iter::once(heading.to_vec()).chain(ranked.enumerate().map(row)).collect()
+}
+
+/// What the rows are.
+pub(super) const HEADING: &str = "Mean return of the final policies over the seeds, the best config first:";
+
+/// Why trials failed, the most frequent reason first. Reasons that differ in their numbers alone are one.
+pub(super) fn failures<'a>(trials: impl Iterator<Item = &'a Trial>) -> Vec<Failures> {
+    let mut kinds: Vec<(String, Failures)> = Vec::new();
+    for trial in trials {
+        let Some(reason) = &trial.error else { continue };
+        let kind = reason.replace(|c: char| c.is_ascii_digit(), "");
+        match kinds.iter_mut().find(|(known, _)| *known == kind) {
+            Some((_, failures)) => failures.trials += 1,
+            None => {
+                let (reason, config) = (reason.clone(), trial.config.clone());
+                kinds.push((kind, Failures { trials: 1, reason, config, seed: trial.seed }));
+            }
+        }
+    }
+    let mut failures: Vec<Failures> = kinds.into_iter().map(|(_, failures)| failures).collect();
+    failures.sort_by_key(|failures| std::cmp::Reverse(failures.trials));
+    failures
+}
+
+/// A sentence on how many of the trials failed, and one on each reason; nothing if none did.
+pub(super) fn failure_lines(failures: &[Failures], trials: usize) -> Vec<String> {
+    let failed: usize = failures.iter().map(|failures| failures.trials).sum();
+    if failed == 0 {
+        return Vec::new();
+    }
+    let line = |Failures { trials, reason, config, seed }: &Failures| {
+        let (reason, config) = (visible(reason), visible(config));
+        let which = if *trials == 1 { "" } else { "first: " };
+        format!("  {trials} ×: {reason} ({which}{config}, seed {seed})")
+    };
+    let mut lines = vec![format!("{failed} of {trials} trials failed and count with a return of 0:")];
+    lines.extend(failures.iter().take(MAX_REASONS).map(line));
+    if failures.len() > MAX_REASONS {
+        lines.push(format!("  … and {} other reasons; report.json has all", failures.len() - MAX_REASONS));
+    }
+    lines
+}
+
+/// Rows below each other, and the names that did not fit.
+pub(super) fn named_table(rows: &[Vec<String>]) -> String {
+    let table = table(rows);
+    let legend = legend(rows, &table);
+    table + &legend
+}
+
+/// The result of the study in a directory, as it is printed when it ends.
+///
+/// # Errors
+/// When it is no study, nothing has been finished in it, or a file in it is damaged.
+pub fn standing(folder: &Path) -> Result<String, ReportError> {
+    let manifest = Manifest::read(folder)?;
+    let groups = read_trials(folder, &manifest)?;
+    let ranked: Vec<Ranked> = groups.iter().map(|trials| Ranked::of(&trials[0].config, trials)).collect();
+    let order = order(ranked.iter());
+    let mut text = format!("{HEADING}\n{}", named_table(&rows(order.iter().map(|&i| &ranked[i]))));
+    let trials = groups.iter().flatten();
+    for line in failure_lines(&failures(trials.clone()), trials.count()) {
+        text += &wrapped(&line, 7);
+    }
+    text += &wrapped(&footnote(ranked.iter().any(|config| config.iqm.low.is_some())), 0);
+    if ranked.iter().any(|config| config.seeds < LEAST_SEEDS) {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "With fewer than {LEAST_SEEDS} seeds there are no 95 % intervals.");
+    }
+    Ok(text)
+}

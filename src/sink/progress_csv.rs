@@ -1,0 +1,63 @@
+//! `progress.csv`: evaluations and some of the training episodes as a table, for people with a spreadsheet.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::Path;
+
+use crate::trainer::event::{Event, EventSink};
+
+/// Every so many training episodes there is a row.
+const EPISODES: u64 = 10;
+
+/// The columns; a cell is empty where a row has nothing to say.
+const HEADER: &str = "event,env_steps,episodes,updates,epsilon,loss,return,mean_return_100,\
+                      evaluation_mean,evaluation_std,evaluation_min,evaluation_max,evaluation_solved";
+
+/// Writes one row for each evaluation and one for every tenth training episode. The file follows from the events
+/// alone, so that a resumed run makes it anew from those in `metrics.jsonl`.
+#[derive(Debug)]
+pub struct ProgressCsv {
+    file: File,
+}
+
+impl ProgressCsv {
+    /// Starts the file anew with its header.
+    ///
+    /// # Errors
+    /// When that fails.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        let mut file = File::create_new(path)?;
+        writeln!(file, "{HEADER}")?;
+        Ok(Self { file })
+    }
+}
+
+impl EventSink for ProgressCsv {
+    fn emit(&mut self, event: &Event) -> io::Result<()> {
+        let row = match *event {
+            Event::Episode {
+                env_steps, episode, return_, mean_return_100, epsilon, loss, updates, ..
+            } if (episode + 1).is_multiple_of(EPISODES) => {
+                let loss = loss.map_or(String::new(), |loss| loss.to_string());
+                let episodes = episode + 1;
+                format!(
+                    "episode,{env_steps},{episodes},{updates},{epsilon},{loss},{return_},{mean_return_100},,,,,"
+                )
+            }
+            Event::Evaluation { env_steps, mean, std, min, max, solved, .. } => {
+                format!("evaluation,{env_steps},,,,,,,{mean},{std},{min},{max},{solved}")
+            }
+            _ => return Ok(()),
+        };
+        // One call per row: a process that is killed leaves whole rows.
+        self.file.write_all((row + "\n").as_bytes())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.file.sync_data()
+    }
+}
