@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# fuzz/run.sh config|checkpoint [seconds]: fuzzes a parser with libFuzzer, on the stable toolchain, from the committed
+# fuzz/run.sh config|checkpoint|update [seconds]: fuzzes a parser with libFuzzer, on the stable toolchain, from the committed
 # corpus; what it finds on the way stays in fuzz/target. Ends with an error and the input at the first panic, the first
 # input that takes 10 s, and the first allocation of more than 9 GiB (a config may ask for 8).
 set -euo pipefail
 cd "$(dirname "$0")"
-target=${1:?config or checkpoint}
+target=${1:?config, checkpoint or update}
 seconds=${2:-600}
 # What `cargo fuzz` sets, but for the sanitizer, which takes a nightly toolchain: the only `unsafe` code is in kernels.
 export RUSTFLAGS='--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4

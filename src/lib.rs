@@ -14,6 +14,8 @@
 //! | [`view`] | terminal views: an agent at play, a run that is training |
 //! | [`study`] | many runs: every config with every seed |
 //! | [`render`] | an episode as a GIF or an SVG |
+//! | [`check`] | which known mistake another program's update has |
+//! | [`explain`] | one update of our own training, with all its numbers |
 //! | [`report`] | what a study or a run amounts to, from files alone |
 //! | [`text`] | names, tables and sentences that fit a terminal |
 //!
@@ -28,10 +30,12 @@
 //! - *epsilon*: probability of a random action. *gamma*: discount factor.
 
 pub mod agent;
+pub mod check;
 pub mod checkpoint;
 pub mod cli;
 pub mod config;
 pub mod env;
+pub mod explain;
 pub mod files;
 pub mod mirror;
 pub mod nn;

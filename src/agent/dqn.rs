@@ -160,17 +160,19 @@ impl Dqn {
             && self.replay.len() >= self.config.replay.batch_size
     }
 
+    /// The minibatch of the latest update, its targets, and its gradient as Adam got it.
+    pub fn latest_update(&self) -> (&Minibatch, &[f32], &Mlp<f32>) {
+        (&self.buffers.minibatch, &self.buffers.targets, &self.buffers.gradient)
+    }
+
     /// One learning step; returns its mean loss.
     pub fn learn(&mut self) -> Result<f32, NotFinite> {
-        let DqnConfig { n_step, gamma, .. } = self.config;
         let (mut sum, mut count) = (0.0, 0.0);
         for _ in 0..self.config.learn.updates {
             let mut ages = std::mem::take(&mut self.buffers.ages);
             self.replay.sample(&mut self.replay_rng, &mut ages);
             for ages in ages.chunks_exact(self.buffers.targets.len()) {
-                self.replay.gather(ages, n_step, gamma as f32, &mut self.buffers.minibatch);
-                self.reflect();
-                sum += self.update()?;
+                sum += self.update(ages)?;
                 count += 1.0;
             }
             self.buffers.ages = ages;
@@ -193,8 +195,14 @@ impl Dqn {
         }
     }
 
-    /// One gradient step on the minibatch; returns its loss.
-    fn update(&mut self) -> Result<f32, NotFinite> {
+    /// One gradient step on the minibatch of the transitions with these ages; returns its loss.
+    ///
+    /// # Errors
+    /// When the numbers leave the finite.
+    pub fn update(&mut self, ages: &[usize]) -> Result<f32, NotFinite> {
+        let DqnConfig { n_step, gamma, .. } = self.config;
+        self.replay.gather(ages, n_step, gamma as f32, &mut self.buffers.minibatch);
+        self.reflect();
         if self.config.target == TargetUpdate::None {
             self.target.copy_from(&self.online);
         }

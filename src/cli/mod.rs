@@ -1,8 +1,10 @@
 //! The command line: one file per command. Only here is printed, and only here an exit code chosen.
 
+mod check;
 mod completions;
 mod config;
 mod eval;
+mod explain;
 mod flags;
 mod init;
 mod inspect;
@@ -52,6 +54,8 @@ enum Command {
     Study(study::Arguments),
     Report(report::Arguments),
     Verify(verify::Arguments),
+    Check(check::Arguments),
+    Explain(explain::Arguments),
     Config(config::Arguments),
     Completions(completions::Arguments),
     // A name that no slip of the keyboard is similar to, so that it is never suggested.
@@ -160,6 +164,8 @@ fn execute(command: Command) -> Result<(), Failure> {
         Command::Study(arguments) => study::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Explain(arguments) => explain::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
         Command::Completions(arguments) => completions::run(&arguments),
         Command::CompleteWords(arguments) => completions::run_words(&arguments),

@@ -31,6 +31,9 @@ pub(crate) const DIVERGING: &[&str] = &[
     "optimizer.beta2=0",
     "optimizer.epsilon=1e-30",
     "replay.warmup_steps=64",
+    "replay.mirror=false",
+    "exploration.steps=4000",
+    "max_episode_steps=500",
     "budget.steps=20000",
     "learn.every_steps=1",
     "learn.updates=1",
@@ -181,7 +184,7 @@ refusals! {
     refuses_a_batch_larger_than_the_memory:
         [], ["train", "--set", "replay.capacity=16"] => ["`replay.batch_size` is 32", "`replay.capacity`", "16"];
     refuses_a_budget_that_ends_before_learning:
-        [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "1001", "`replay.warmup_steps`"];
+        [], ["train", "--set", "budget.steps=100"] => ["`budget.steps` is 100", "501", "`replay.warmup_steps`"];
     refuses_a_config_without_its_flag_and_names_it:
         [("my.json", b"{}")], ["train", "my.json"] => ["'my.json'", "--config FILE"];
     refuses_a_flag_that_nobody_knows_and_names_set: [], ["train", "--frobnicate", "1"] => ["'--frobnicate'", "--set KEY=VALUE"];

@@ -155,7 +155,7 @@ fn plays_a_file_of_another_program_and_traces_every_step() {
 fn json_prints_the_score_alone() {
     let assert = Sandbox::new().run(&["eval", "--policy", "random", "--json"]).success();
     let report = stdout_json(&assert);
-    let expected = ["episodes", "max", "mean", "median", "min", "policy", "returns", "seed", "solved", "std"];
+    let expected = ["episodes", "max", "max_steps", "mean", "median", "min", "policy", "returns", "seed", "solved", "std"];
     assert_eq!(keys(&report), expected);
     let returns: Vec<f64> = serde_json::from_value(report["returns"].clone()).unwrap();
     let mean = returns.iter().sum::<f64>() / 100.0;

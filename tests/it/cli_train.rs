@@ -241,7 +241,8 @@ fn stop_when_solved_is_an_option() {
 
 #[test]
 fn progress_csv_has_a_row_per_evaluation_and_per_tenth_episode() {
-    let sandbox = Sandbox::with_run();
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "budget.steps=600"]).success();
     let events = sandbox.read("run/metrics.jsonl");
     let events: Vec<Value> = events.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let table = sandbox.read("run/progress.csv");
@@ -315,7 +316,7 @@ fn weights_of_another_shape_are_refused_with_both_shapes() {
     let sandbox = Sandbox::with_run();
     sandbox.refuses(
         &["train", "--init-from", "run", "--out", "new"],
-        &["run/checkpoints/best.safetensors", "[4, 8, 2]", "[4, 48, 48, 2]", "--set 'network.hidden=[8]'"],
+        &["run/checkpoints/best.safetensors", "[4, 8, 2]", "[4, 64, 64, 2]", "--set 'network.hidden=[8]'"],
     );
     sandbox.write("x.safetensors", "x");
     sandbox.refuses(&["train", "--init-from", "x.safetensors", "--out", "new"], &["x.safetensors"]);

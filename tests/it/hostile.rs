@@ -4,9 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::assert::Assert;
+use cartpole_dqn::check::{Update, check};
 use cartpole_dqn::checkpoint::{Checkpoint, seal};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::CartPole;
+use cartpole_dqn::explain::lesson;
 use cartpole_dqn::report::Report;
 use cartpole_dqn::study::read_trial;
 use cartpole_dqn::trainer::{Budget, Event, Header, Trainer};
@@ -175,7 +177,26 @@ fn a_mutated_checkpoint_is_a_run_or_refused() {
 }
 
 #[test]
+fn a_mutated_update_is_judged_or_refused() {
+    let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
+    let lesson = lesson(&Config::from_layers(None, &set).unwrap(), 60).unwrap();
+    let valid = lesson.tensors().to_bytes(&lesson.settings()).unwrap();
+    assert!(check(&Update::from_bytes(&valid).unwrap()).equal);
+    proptest!(cases(300), |(mutations in vec(mutation(), 1..4))| {
+        for bytes in [mutated(&valid, &mutations), with_mutated_header(&valid, &mutations)] {
+            if let Ok(update) = Update::from_bytes(&bytes) {
+                let verdict = check(&update);
+                serde_json::to_string(&verdict).unwrap();
+            }
+        }
+    });
+}
+
+#[test]
 fn what_fuzzing_has_kept_is_read_or_refused() {
+    for path in data("fuzz/corpus/update") {
+        let _ = Update::from_bytes(&fs::read(path).unwrap()).map(|update| check(&update));
+    }
     for path in data("fuzz/corpus/checkpoint") {
         let mut bytes = fs::read(path).unwrap();
         load(&bytes);

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod arrows;
+mod check;
 mod cli;
 mod cli_config;
 mod cli_eval;

@@ -190,13 +190,13 @@ fn a_resumed_run_can_change_its_budget_alone() {
     let refuses = |arguments: &[&str], words: &[&str]| {
         sandbox.refuses(&[&["train", "--resume", "run"], arguments].concat(), words);
     };
-    refuses(&["--set", "gamma=0.5"], &["directory run", "its `gamma` is 0.995, and 0.5 is given", "budget"]);
+    refuses(&["--set", "gamma=0.5"], &["directory run", "its `gamma` is 0.999, and 0.5 is given", "budget"]);
     refuses(&["--seed", "5"], &["its `seed` is 0, and 5 is given", "budget"]);
     refuses(&["--set", "exploration.steps=9"], &["has ended", "larger budget with the schedule"]);
     refuses(&["--set", "exploration.schedule=per_episode"], &["`exploration", "budget"]);
     refuses(&["--set", "budget.steps=150"], &["past the budget {\"steps\":150}", "at step 200", "larger"]);
     refuses(&["--set", "budget.steps=x"], &["`budget.steps`", "integer"]);
-    sandbox.run(&["train", "--resume", "run", "--set", "gamma=0.995", "--seed", "0"]).success();
+    sandbox.run(&["train", "--resume", "run", "--set", "gamma=0.999", "--seed", "0"]).success();
 }
 
 #[test]
@@ -217,10 +217,10 @@ fn resume_takes_no_other_run_config_or_folder() {
 #[test]
 fn a_config_that_was_changed_by_hand_is_refused() {
     let sandbox = Sandbox::with_run();
-    let changed = sandbox.read("run/config.json").replace("\"gamma\": 0.995", "\"gamma\": 0.98");
+    let changed = sandbox.read("run/config.json").replace("\"gamma\": 0.999", "\"gamma\": 0.98");
     sandbox.write("run/config.json", changed);
     let arguments = ["train", "--resume", "run", "--set", "budget.steps=300"];
-    sandbox.refuses(&arguments, &[LAST, "does not belong to the config.json", "`gamma` is 0.98, and 0.995"]);
+    sandbox.refuses(&arguments, &[LAST, "does not belong to the config.json", "`gamma` is 0.98, and 0.999"]);
 }
 
 #[test]

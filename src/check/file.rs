@@ -1,0 +1,524 @@
+//! One update in a `.safetensors` file, whoever computed it. docs/check.md describes the layout.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use nalgebra::DMatrix;
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+
+use crate::files::read_limited;
+use crate::nn::{Loss, Mlp};
+use crate::text::shown;
+
+/// Largest file that is read, in bytes.
+const MAX_FILE_SIZE: u64 = 1 << 28;
+/// Most samples in a batch: some mistakes pair every sample with every other.
+const MAX_BATCH: usize = 1 << 13;
+/// Most products of one forward pass.
+const MAX_PRODUCTS: usize = 1 << 30;
+/// The network's outputs are the actions; an action is one byte.
+const MAX_ACTIONS: usize = 256;
+/// The metadata's key of the settings.
+const SETTINGS: &str = "settings";
+
+/// One update: what it started from, and what somebody made of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Update {
+    /// How it is to be computed.
+    pub settings: Settings,
+    /// The online network before the update.
+    pub online: Mlp<f64>,
+    /// The target network; none if the online network bootstraps itself.
+    pub target: Option<Mlp<f64>>,
+    /// The transitions.
+    pub batch: Batch,
+    /// Adam before the update.
+    pub adam: Moments,
+    /// What they computed.
+    pub results: Results,
+    /// The unit of rounding of what they computed: 2⁻²⁴ for f32, 2⁻⁵³ for f64.
+    pub rounding_unit: f64,
+}
+
+/// How an update is to be computed. What a file leaves out is PyTorch's default.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// γ, 0…1; the default is that of PyTorch's DQN tutorial.
+    pub gamma: f64,
+    /// The loss of a TD error.
+    pub loss: Loss,
+    /// Whether targets are those of double Q-learning.
+    pub double: bool,
+    /// Adam's α, above 0.
+    pub learning_rate: f64,
+    /// Adam's β₁, 0 ≤ β₁ < 1.
+    pub beta1: f64,
+    /// Adam's β₂, 0 ≤ β₂ < 1.
+    pub beta2: f64,
+    /// Adam's ε, at least 0.
+    pub epsilon: f64,
+    /// Where Adam's ε is added.
+    pub epsilon_place: EpsilonPlace,
+    /// Norm to which a longer gradient is shortened, above 0; none if it is left alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_gradient_norm: Option<f64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            gamma: 0.99,
+            loss: Loss::Mse,
+            double: false,
+            learning_rate: 1e-3,
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon: 1e-8,
+            epsilon_place: EpsilonPlace::PyTorch,
+            max_gradient_norm: None,
+        }
+    }
+}
+
+/// Where Adam's ε is added: two readings of the paper (Kingma and Ba 2015).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EpsilonPlace {
+    /// To the root of the corrected second moment, as in algorithm 1.
+    PyTorch,
+    /// To the root of the uncorrected one, as before section 2.1: TensorFlow, Keras.
+    TensorFlow,
+}
+
+/// The transitions of an update. Observations are (batch, features), the rest (batch).
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)]
+pub struct Batch {
+    pub observations: DMatrix<f64>,
+    pub actions: Vec<usize>,
+    pub rewards: Vec<f64>,
+    pub next_observations: DMatrix<f64>,
+    pub terminated: Vec<bool>,
+    /// None where the file does not say which episodes were cut off.
+    pub truncated: Option<Vec<bool>>,
+    /// What multiplies the value of the next observation: γ, or with n-step rewards γᵏ.
+    pub discounts: Vec<f64>,
+}
+
+/// Adam's state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moments {
+    /// Steps done before this update.
+    pub steps: u64,
+    /// m and v, as networks.
+    pub first: Mlp<f64>,
+    #[allow(missing_docs)]
+    pub second: Mlp<f64>,
+}
+
+/// What somebody computed, as far as they say.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Results {
+    /// The TD targets, (batch).
+    pub targets: Option<Vec<f64>>,
+    /// The loss.
+    pub loss: Option<f64>,
+    /// What the optimiser got.
+    pub gradients: Option<Mlp<f64>>,
+    /// The online network after the step.
+    pub online: Option<Mlp<f64>>,
+}
+
+/// Why a file is no update.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", shown(path))]
+pub struct UpdateError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub problem: Problem,
+}
+
+/// See [`UpdateError`].
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
+pub enum Problem {
+    #[error("cannot be read: {0}")]
+    Unreadable(io::Error),
+    #[error("is not a safetensors file, or is cut off or damaged ({0})")]
+    NotSafetensors(String),
+    #[error("has no tensor `{name}`; expected {expected}")]
+    Missing { name: String, expected: String },
+    #[error("tensor `{name}` is {found}; expected {expected}")]
+    WrongTensor { name: String, found: String, expected: String },
+    #[error("tensor `{name}` holds {value} at position {index}; expected {expected}")]
+    WrongValue { name: String, value: f64, index: usize, expected: String },
+    #[error(
+        "has a tensor `{0}`, which means nothing here; expected names are `online.…`, `target.…`, `adam.…`, \
+         `result.…` as in docs/check.md, and `batch.` with `observations`, `actions`, `rewards`, \
+         `next_observations`, `terminated`, `truncated`, `discounts`"
+    )]
+    UnknownTensor(String),
+    #[error(
+        "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or `result.online.0.weight`, …"
+    )]
+    NoResult,
+    #[error("has metadata `settings` that cannot be read: {0}")]
+    Settings(serde_json::Error),
+    #[error("the setting `{name}` is {value}; expected {expected}")]
+    Setting { name: &'static str, value: f64, expected: &'static str },
+    #[error("is too large an update to check: {0}")]
+    TooLarge(String),
+}
+
+impl Update {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// When it cannot be read or is no update: what is wrong and what is expected.
+    pub fn read(path: &Path) -> Result<Self, UpdateError> {
+        read_limited(path, MAX_FILE_SIZE)
+            .map_err(Problem::Unreadable)
+            .and_then(|bytes| Self::from_bytes(&bytes))
+            .map_err(|problem| UpdateError { path: path.to_owned(), problem })
+    }
+
+    /// Parses the content of a file.
+    ///
+    /// # Errors
+    /// See [`Self::read`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
+        let damaged = |error: safetensors::SafeTensorError| Problem::NotSafetensors(error.to_string());
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+        let settings = metadata.metadata().as_ref().and_then(|metadata| metadata.get(SETTINGS));
+        let settings = settings.map_or(Ok(Settings::default()), |text| serde_json::from_str(text));
+        let settings = settings.map_err(Problem::Settings)?;
+        settings.validate()?;
+        let safetensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
+        let mut file =
+            Tensors { views: safetensors.iter().map(|(name, view)| (name.to_owned(), view)).collect() };
+        let update = file.update(settings)?;
+        match file.views.pop_first() {
+            Some((name, _)) => Err(Problem::UnknownTensor(name)),
+            None => Ok(update),
+        }
+    }
+}
+
+impl Settings {
+    fn validate(&self) -> Result<(), Problem> {
+        let Self { gamma, learning_rate, beta1, beta2, epsilon, max_gradient_norm, .. } = *self;
+        let norm = max_gradient_norm.unwrap_or(1.0);
+        let below_one = "a number from 0 to below 1";
+        let rules = [
+            ("gamma", gamma, (0.0..=1.0).contains(&gamma), "a number from 0 to 1"),
+            ("learning_rate", learning_rate, learning_rate > 0.0, "a number above 0"),
+            ("beta1", beta1, (0.0..1.0).contains(&beta1), below_one),
+            ("beta2", beta2, (0.0..1.0).contains(&beta2), below_one),
+            ("epsilon", epsilon, epsilon >= 0.0, "a number from 0"),
+            ("max_gradient_norm", norm, norm > 0.0, "a number above 0, or nothing"),
+        ];
+        match rules.into_iter().find(|(_, value, holds, _)| !(*holds && value.is_finite())) {
+            Some((name, value, _, expected)) => Err(Problem::Setting { name, value, expected }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The tensors of a file that have not been taken yet.
+struct Tensors<'a> {
+    views: BTreeMap<String, TensorView<'a>>,
+}
+
+impl Tensors<'_> {
+    fn update(&mut self, settings: Settings) -> Result<Update, Problem> {
+        let sizes = self.sizes()?;
+        let (inputs, outputs) = (sizes[0], sizes[sizes.len() - 1]);
+        let batch_size = self.batch_size()?;
+        let products: usize = sizes.windows(2).map(|pair| (pair[0] + 1).saturating_mul(pair[1])).sum();
+        if batch_size > MAX_BATCH
+            || outputs > MAX_ACTIONS
+            || products.saturating_mul(batch_size) > MAX_PRODUCTS
+        {
+            return Err(Problem::TooLarge(format!(
+                "layers {sizes:?} and a batch of {batch_size}; at most {MAX_ACTIONS} actions, {MAX_BATCH} \
+                 transitions, and {MAX_PRODUCTS} as weights times transitions"
+            )));
+        }
+        let is_single = self.computed_in_f32();
+        let online = self.network("online.", &sizes)?;
+        let has = |tensors: &Self, prefix: &str| tensors.views.keys().any(|name| name.starts_with(prefix));
+        let mut network = |prefix: &str| has(self, prefix).then(|| self.network(prefix, &sizes)).transpose();
+        let target = network("target.")?;
+        let (first, second) = (network("adam.m.")?, network("adam.v.")?);
+        let (gradients, after) = (network("result.gradients.")?, network("result.online.")?);
+        let batch = self.batch(batch_size, inputs, outputs, settings.gamma)?;
+        let adam = self.moments(&sizes, first, second)?;
+        let targets = self.optional("result.targets", &[batch_size])?;
+        let loss = self.optional("result.loss", &[])?.map(|loss| loss[0]);
+        let results = Results { targets, loss, gradients, online: after };
+        if results == Results::default() {
+            return Err(Problem::NoResult);
+        }
+        let rounding_unit = if is_single { f64::from(f32::EPSILON) } else { f64::EPSILON } / 2.0;
+        Ok(Update { settings, online, target, batch, adam, results, rounding_unit })
+    }
+
+    /// The layer sizes of the online network.
+    fn sizes(&self) -> Result<Vec<usize>, Problem> {
+        let mut sizes: Vec<usize> = Vec::new();
+        loop {
+            let name = format!("online.{}.weight", 2 * sizes.len().saturating_sub(1));
+            let expected = || match sizes.last() {
+                Some(inputs) => format!("F32 or F64 [outputs, {inputs}]"),
+                None => "F32 or F64 [outputs, inputs]".into(),
+            };
+            let Some(view) = self.views.get(&name) else {
+                let has_layers = sizes.len() > 1;
+                return if has_layers {
+                    Ok(sizes)
+                } else {
+                    Err(Problem::Missing { name, expected: expected() })
+                };
+            };
+            match *view.shape() {
+                [rows, columns]
+                    if rows > 0 && columns > 0 && sizes.last().is_none_or(|&inputs| inputs == columns) =>
+                {
+                    if sizes.is_empty() {
+                        sizes.push(columns);
+                    }
+                    sizes.push(rows);
+                }
+                _ => return Err(wrong(&name, view, &expected())),
+            }
+        }
+    }
+
+    fn batch_size(&self) -> Result<usize, Problem> {
+        let (name, expected) = ("batch.observations", "numbers [batch, inputs], a batch of at least 1");
+        let missing = || Problem::Missing { name: name.into(), expected: expected.into() };
+        let view = self.views.get(name).ok_or_else(missing)?;
+        match *view.shape() {
+            [batch, _] if batch > 0 => Ok(batch),
+            _ => Err(wrong(name, view, expected)),
+        }
+    }
+
+    /// Whether the results are rounded to f32: by their type, or because every weight that they start from is one that
+    /// f32 holds, whatever its type in the file.
+    fn computed_in_f32(&self) -> bool {
+        let is_weight = |name: &str| name.starts_with("online.") || name.starts_with("target.");
+        let mut computed =
+            self.views.iter().filter(|(name, _)| is_weight(name) || name.starts_with("result."));
+        let mut weights = self.views.iter().filter(|(name, _)| is_weight(name));
+        let holds_f32 = |view: &TensorView| {
+            numbers(view).is_some_and(|values| values.iter().all(|&value| f64::from(value as f32) == value))
+        };
+        computed.any(|(_, view)| view.dtype() == Dtype::F32) || weights.all(|(_, view)| holds_f32(view))
+    }
+
+    /// A network of these sizes from `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, ….
+    fn network(&mut self, prefix: &str, sizes: &[usize]) -> Result<Mlp<f64>, Problem> {
+        let mut network = Mlp::zeros(sizes.to_vec());
+        for (index, pair) in sizes.windows(2).enumerate() {
+            let (inputs, outputs) = (pair[0], pair[1]);
+            let torch_weight = self.floats(&format!("{prefix}{}.weight", 2 * index), &[outputs, inputs])?;
+            let torch_bias = self.floats(&format!("{prefix}{}.bias", 2 * index), &[outputs])?;
+            let (weight, bias) = network.layer_mut(index).split_at_mut(inputs * outputs);
+            for (position, value) in weight.iter_mut().enumerate() {
+                *value = torch_weight[position % outputs * inputs + position / outputs];
+            }
+            bias.copy_from_slice(&torch_bias);
+        }
+        Ok(network)
+    }
+
+    fn batch(&mut self, size: usize, inputs: usize, actions: usize, gamma: f64) -> Result<Batch, Problem> {
+        let mut observations = |name| {
+            self.floats(name, &[size, inputs]).map(|values| DMatrix::from_row_slice(size, inputs, &values))
+        };
+        let (observations, next_observations) =
+            (observations("batch.observations")?, observations("batch.next_observations")?);
+        let is_action = |value: f64| value.fract() == 0.0 && (0.0..actions as f64).contains(&value);
+        let expected = format!("an action from 0 to {}, an output of the network", actions - 1);
+        let actions = self.values("batch.actions", &[size], is_action, &expected)?;
+        let rewards = self.floats("batch.rewards", &[size])?;
+        let terminated = self.flags("batch.terminated", size)?;
+        let truncated = self.views.contains_key("batch.truncated");
+        let truncated = truncated.then(|| self.flags("batch.truncated", size)).transpose()?;
+        let discounts = self.optional("batch.discounts", &[size])?;
+        Ok(Batch {
+            observations,
+            actions: actions.into_iter().map(|action| action as usize).collect(),
+            rewards,
+            next_observations,
+            terminated,
+            truncated,
+            discounts: discounts.unwrap_or_else(|| vec![gamma; size]),
+        })
+    }
+
+    fn flags(&mut self, name: &str, size: usize) -> Result<Vec<bool>, Problem> {
+        let values = self.values(name, &[size], |value| value == 0.0 || value == 1.0, "0 or 1")?;
+        Ok(values.into_iter().map(|value| value == 1.0).collect())
+    }
+
+    fn moments(
+        &mut self,
+        sizes: &[usize],
+        first: Option<Mlp<f64>>,
+        second: Option<Mlp<f64>>,
+    ) -> Result<Moments, Problem> {
+        let (name, expected) = ("adam.steps", "one integer from 0 to 2^53: the steps before this update");
+        let is_count = |value: f64| value.fract() == 0.0 && (0.0..=9.0e15).contains(&value);
+        let steps = self.views.contains_key(name);
+        let steps = steps.then(|| self.values(name, &[], is_count, expected)).transpose()?;
+        let missing = |name: &str, expected: &str| {
+            Err(Problem::Missing { name: name.into(), expected: expected.into() })
+        };
+        match (steps.map(|steps| steps[0] as u64), first, second) {
+            (None | Some(0), None, None) => Ok(Moments {
+                steps: 0,
+                first: Mlp::zeros(sizes.to_vec()),
+                second: Mlp::zeros(sizes.to_vec()),
+            }),
+            (None, ..) => missing(name, expected),
+            (_, None, _) => missing("adam.m.0.weight", "Adam's first moment, as there is `adam.steps`"),
+            (_, _, None) => missing("adam.v.0.weight", "Adam's second moment, as there is `adam.steps`"),
+            (Some(steps), Some(first), Some(second)) => {
+                match second.parameters().iter().position(|&value| value < 0.0) {
+                    None => Ok(Moments { steps, first, second }),
+                    Some(index) => Err(Problem::WrongValue {
+                        name: "adam.v.…".into(),
+                        value: second.parameters()[index],
+                        index,
+                        expected: "a mean of squares, at least 0".into(),
+                    }),
+                }
+            }
+        }
+    }
+
+    fn optional(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, Problem> {
+        self.views.contains_key(name).then(|| self.floats(name, shape)).transpose()
+    }
+
+    fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f64>, Problem> {
+        self.values(name, shape, |_| true, "a finite number")
+    }
+
+    /// Takes a tensor. Axes of length 1 behind those of `shape` are allowed: a column is as good as a list.
+    fn values(
+        &mut self,
+        name: &str,
+        shape: &[usize],
+        allowed: impl Fn(f64) -> bool,
+        expected: &str,
+    ) -> Result<Vec<f64>, Problem> {
+        let described = || match shape {
+            [] => "one number, F32, F64, an integer or BOOL".to_owned(),
+            shape => format!("F32, F64, an integer type or BOOL, of shape {shape:?}"),
+        };
+        let Some(view) = self.views.remove(name) else {
+            return Err(Problem::Missing { name: name.into(), expected: described() });
+        };
+        let fits =
+            view.shape().strip_prefix(shape).is_some_and(|rest| rest.iter().all(|&length| length == 1));
+        let Some(values) = numbers(&view).filter(|_| fits) else {
+            return Err(wrong(name, &view, &described()));
+        };
+        match values.iter().position(|&value| !(value.is_finite() && allowed(value))) {
+            None => Ok(values),
+            Some(index) => Err(Problem::WrongValue {
+                name: name.into(),
+                value: values[index],
+                index,
+                expected: expected.into(),
+            }),
+        }
+    }
+}
+
+fn wrong(name: &str, view: &TensorView, expected: &str) -> Problem {
+    let found = format!("{:?} {:?}", view.dtype(), view.shape());
+    Problem::WrongTensor { name: name.into(), found, expected: expected.into() }
+}
+
+/// A tensor's numbers; none if it is of a type that is not read.
+fn numbers(view: &TensorView) -> Option<Vec<f64>> {
+    macro_rules! decoded {
+        ($type:ty) => {{
+            let (chunks, _) = view.data().as_chunks::<{ size_of::<$type>() }>();
+            chunks.iter().map(|&bytes| <$type>::from_le_bytes(bytes) as f64).collect()
+        }};
+    }
+    Some(match view.dtype() {
+        Dtype::F32 => decoded!(f32),
+        Dtype::F64 => decoded!(f64),
+        Dtype::I64 => decoded!(i64),
+        Dtype::I32 => decoded!(i32),
+        Dtype::I16 => decoded!(i16),
+        Dtype::I8 => decoded!(i8),
+        Dtype::U64 => decoded!(u64),
+        Dtype::U32 => decoded!(u32),
+        Dtype::U16 => decoded!(u16),
+        Dtype::U8 | Dtype::BOOL => decoded!(u8),
+        _ => return None,
+    })
+}
+
+/// How a file that [`Writer`] has made begins, behind the eight bytes of its header's length.
+pub const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
+
+/// An f32 update to be written.
+#[derive(Debug, Default)]
+pub struct Writer {
+    tensors: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>,
+}
+
+impl Writer {
+    /// Adds numbers.
+    pub fn put(&mut self, name: &str, shape: &[usize], values: &[f32]) {
+        let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.tensors.insert(name.into(), (Dtype::F32, shape.to_vec(), bytes));
+    }
+
+    /// Adds an integer.
+    pub fn put_integer(&mut self, name: &str, value: u64) {
+        self.tensors.insert(name.into(), (Dtype::U64, vec![1], value.to_le_bytes().into()));
+    }
+
+    /// Adds small integers, or flags as 0 and 1.
+    pub fn put_bytes(&mut self, name: &str, values: impl IntoIterator<Item = u8>) {
+        let bytes: Vec<u8> = values.into_iter().collect();
+        self.tensors.insert(name.into(), (Dtype::U8, vec![bytes.len()], bytes));
+    }
+
+    /// Adds a network, the weights transposed to [out, in].
+    pub fn put_network(&mut self, prefix: &str, network: &Mlp<f32>) {
+        for (index, pair) in network.sizes().windows(2).enumerate() {
+            let (weight, bias) = network.layer(index).split_at(pair[0] * pair[1]);
+            let torch_weight = DMatrix::from_column_slice(pair[1], pair[0], weight).transpose();
+            self.put(&format!("{prefix}{}.weight", 2 * index), &[pair[1], pair[0]], torch_weight.as_slice());
+            self.put(&format!("{prefix}{}.bias", 2 * index), &[pair[1]], bias);
+        }
+    }
+
+    /// The content of the file.
+    ///
+    /// # Errors
+    /// When the format cannot express it.
+    pub fn to_bytes(&self, settings: &Settings) -> io::Result<Vec<u8>> {
+        let metadata = HashMap::from([(SETTINGS.to_owned(), serde_json::to_string(settings)?)]);
+        let views = self.tensors.iter().map(|(name, (dtype, shape, bytes))| {
+            Ok((name, TensorView::new(*dtype, shape.clone(), bytes).map_err(io::Error::other)?))
+        });
+        let views = views.collect::<io::Result<Vec<_>>>()?;
+        safetensors::serialize(views, Some(metadata)).map_err(io::Error::other)
+    }
+}

@@ -1,0 +1,198 @@
+//! `cartpole-dqn check`
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::{Failure, print, print_json};
+use crate::check::{EpsilonPlace, Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
+use crate::text::shown;
+
+/// Columns of the text.
+const WIDTH: usize = 80;
+/// Columns before it: where the names of the quantities stand.
+const INDENT: usize = 11;
+
+/// Say which known mistake another program's DQN update has.
+///
+/// FILE holds the numbers of one update; docs/check.md has functions to paste for PyTorch, Keras, JAX and NumPy that
+/// write it. The update is computed again in f64, and what differs is explained. Exit code 0 if everything in the file
+/// is equal, 1 if something differs.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: cartpole-dqn check update.safetensors")]
+pub(super) struct Arguments {
+    /// The update, a .safetensors file
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Print the verdict as JSON, alone on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl From<UpdateError> for Failure {
+    fn from(error: UpdateError) -> Self {
+        Self::BadInput(error.to_string())
+    }
+}
+
+/// What --json prints.
+#[derive(Serialize)]
+struct Record<'a> {
+    file: String,
+    settings: Settings,
+    #[serde(flatten)]
+    verdict: &'a Verdict,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let update = Update::read(&arguments.file)?;
+    let verdict = check(&update);
+    if arguments.json {
+        let file = shown(&arguments.file);
+        print_json(&Record { file, settings: update.settings, verdict: &verdict })?;
+    } else {
+        print(&describe(&shown(&arguments.file), &update, &verdict))?;
+    }
+    if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
+}
+
+/// The last line.
+fn summary(verdict: &Verdict) -> String {
+    let unexplained = verdict.quantities.iter().filter(|quantity| quantity.state == State::Different);
+    let unexplained: Vec<_> = unexplained.map(|quantity| quantity.name.name()).collect();
+    let known = match verdict.explanations.first().map_or(0, Vec::len) {
+        0 => String::new(),
+        1 => "a known mistake explains what differs".into(),
+        count => format!("{count} known mistakes together explain what differs"),
+    };
+    match (known.is_empty(), unexplained.is_empty()) {
+        (false, true) => known,
+        (false, false) => format!("{known}, but not the {}", unexplained.join(" and the ")),
+        _ => format!("no known mistake explains the {}", unexplained.join(" and the ")),
+    }
+}
+
+fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
+    let mut text = String::new();
+    let sizes: Vec<_> = update.online.sizes().iter().map(ToString::to_string).collect();
+    let float = if update.rounding_unit > 1e-10 { "f32" } else { "f64" };
+    let networks = if update.target.is_some() { "with a target network" } else { "no target network" };
+    let batch = update.batch.rewards.len();
+    put(&mut text, "file", file);
+    put(&mut text, "update", &format!("layers {}, {networks}, batch of {batch}, {float}", sizes.join("-")));
+    put(&mut text, "settings", &settings(update));
+    for quantity in &verdict.quantities {
+        let name = quantity.name.name();
+        put(&mut text, name, &state(quantity, verdict));
+        if let Some(explanation) = verdict.explanations.first() {
+            explanation
+                .iter()
+                .filter(|mistake| mistake.quantity == quantity.name)
+                .for_each(|mistake| put_mistake(&mut text, mistake));
+        }
+    }
+    for other in verdict.explanations.iter().skip(1) {
+        let names: Vec<_> = other.iter().map(|mistake| mistake.what.to_owned()).collect();
+        put(&mut text, "or", &format!("these numbers are as well explained by: {}", names.join(" AND ")));
+    }
+    if verdict.pairs_left_out {
+        put(&mut text, "note", "pairs of mistakes were not tried: the network is too large for that");
+    }
+    if !verdict.not_visible.is_empty() {
+        put(
+            &mut text,
+            "not seen",
+            &format!(
+                "the numbers of this update would be the same with these mistakes: {}",
+                verdict.not_visible.join(", ")
+            ),
+        );
+    }
+    text
+}
+
+fn settings(update: &Update) -> String {
+    let Settings {
+        gamma,
+        loss,
+        double,
+        learning_rate,
+        beta1,
+        beta2,
+        epsilon,
+        epsilon_place,
+        max_gradient_norm,
+    } = update.settings;
+    let loss = match loss {
+        crate::nn::Loss::Mse => "mse",
+        crate::nn::Loss::Huber => "huber",
+    };
+    let double = if double { "double, " } else { "" };
+    let norm = max_gradient_norm.map_or(String::new(), |norm| format!(", max_gradient_norm {norm}"));
+    let place = if epsilon_place == EpsilonPlace::TensorFlow { " in TensorFlow's place" } else { "" };
+    let step = update.adam.steps + 1;
+    format!(
+        "gamma {gamma}, loss {loss}, {double}Adam step {step} with learning_rate {learning_rate}, beta1 {beta1}, \
+         beta2 {beta2}, epsilon {epsilon:e}{place}{norm}"
+    )
+}
+
+fn state(quantity: &Judged, verdict: &Verdict) -> String {
+    let difference = quantity.largest_relative_difference.unwrap_or(0.0);
+    let is_given = verdict
+        .quantities
+        .iter()
+        .take_while(|other| other.name != quantity.name)
+        .any(|other| matches!(other.state, State::Explained | State::Different));
+    let given = if is_given { " given the above" } else { "" };
+    let differing = match quantity.numbers {
+        1 => String::new(),
+        numbers => format!(", {} of {numbers}", quantity.differing),
+    };
+    match quantity.state {
+        State::Absent => "absent".into(),
+        State::Equal => format!("equal{given} (largest relative difference {difference:.1e})"),
+        State::Explained => {
+            format!("DIFFERENT{given}{differing} (largest relative difference {difference:.1e})")
+        }
+        State::Different => {
+            let common = match &quantity.in_common[..] {
+                [] => "the numbers that differ have nothing in common".into(),
+                common => common.join("; "),
+            };
+            format!(
+                "DIFFERENT{given}{differing} (largest relative difference {difference:.1e}), and no known mistake \
+                 gives these numbers: {common}"
+            )
+        }
+    }
+}
+
+fn put_mistake(text: &mut String, mistake: &Explained) {
+    put(text, "  what", mistake.what);
+    if mistake.reported_only {
+        put(text, "", "only this number has it: what follows is computed without it");
+    }
+    put(text, "  why", mistake.why);
+    put(text, "  mend", mistake.mend);
+}
+
+/// Adds a paragraph with its name before it, broken at spaces.
+fn put(text: &mut String, name: &str, paragraph: &str) {
+    let mut line = format!("{name:<INDENT$}");
+    let mut is_empty = true;
+    for word in paragraph.split(' ') {
+        if !is_empty && line.chars().count() + 1 + word.chars().count() > WIDTH {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{}", line.trim_end());
+            line = " ".repeat(INDENT);
+            is_empty = true;
+        }
+        line += if is_empty { "" } else { " " };
+        line += word;
+        is_empty = false;
+    }
+    let _ = writeln!(text, "{}", line.trim_end());
+}

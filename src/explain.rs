@@ -1,0 +1,172 @@
+//! One update of a training run, with everything that went into it and came of it.
+
+use crate::agent::{Dqn, Minibatch, NotFinite, TargetUpdate, UpdateMode};
+use crate::check::{Settings, Writer};
+use crate::config::Config;
+use crate::nn::Mlp;
+use crate::trainer::{Event, TrainError, Trainer};
+
+/// An update.
+#[derive(Clone, Debug)]
+pub struct Lesson {
+    /// The run's config.
+    pub config: Config,
+    /// The environment step after which it was done.
+    pub env_steps: u64,
+    /// Complete episodes before it.
+    pub episodes: u64,
+    /// The agent just before the update, and just after it.
+    pub before: Dqn,
+    #[allow(missing_docs)]
+    pub after: Dqn,
+    /// What it learned from.
+    pub minibatch: Minibatch,
+    /// The TD targets.
+    pub targets: Vec<f32>,
+    /// Their loss.
+    pub loss: f32,
+    /// The gradient as Adam got it.
+    pub gradient: Mlp<f32>,
+}
+
+/// Why there is no such update.
+#[derive(Debug, thiserror::Error)]
+pub enum NoLesson {
+    /// The run ends before.
+    #[error("the run ends after update {0}; give --update a number from 1 to that, or a larger budget.steps")]
+    TooFar(u64),
+    /// It cannot be trained so far.
+    #[error(transparent)]
+    Train(#[from] TrainError),
+    /// The numbers of the update itself leave the finite.
+    #[error("in this update {0} becomes NaN or infinite")]
+    NotFinite(#[from] NotFinite),
+}
+
+/// Trains to update `number`, counted from 1, and does it.
+///
+/// # Errors
+/// When the run ends or fails before.
+pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
+    let mut unevaluated = config.clone();
+    if !config.stop_when_solved {
+        // Evaluations change nothing in a run.
+        unevaluated.evaluation.every_steps = u64::MAX;
+    }
+    let samples = config.replay.batch_size;
+    let (batch_size, batches) = match config.replay.update {
+        UpdateMode::Minibatch => (samples, 1),
+        UpdateMode::PerSample => (1, samples as u64),
+    };
+    let updates_of_a_step = u64::from(config.learn.updates).saturating_mul(batches);
+    let environment = config.make_environment();
+    let mut trainer = Trainer::new(unevaluated, environment);
+    while trainer.end_reason().is_none() {
+        let before = trainer.agent();
+        let is_near = before.adam.steps.saturating_add(updates_of_a_step) >= number;
+        let state = is_near.then(|| {
+            (before.online.clone(), before.target.clone(), before.adam.clone(), before.replay_rng.clone())
+        });
+        let progress = (trainer.progress().env_steps + 1, trainer.progress().episodes);
+        let steps = before.adam.steps;
+        let result = trainer.step(&mut Vec::<Event>::new(), None);
+        let has_learned = trainer.agent().adam.steps > steps;
+        let Some((online, target, adam, replay_rng)) = state.filter(|_| has_learned) else {
+            result?;
+            continue;
+        };
+        // The replay memory is still that which this learning step has drawn from.
+        let mut agent = trainer.agent().clone();
+        (agent.online, agent.target, agent.adam, agent.replay_rng) = (online, target, adam, replay_rng);
+        let mut ages = vec![0; samples];
+        loop {
+            agent.replay.sample(&mut agent.replay_rng, &mut ages);
+            for ages in ages.chunks_exact(batch_size) {
+                let before = (agent.adam.steps + 1 == number).then(|| agent.clone());
+                let loss = agent.update(ages)?;
+                if let Some(before) = before {
+                    return Ok(Lesson::new(config, progress, before, agent, loss));
+                }
+            }
+        }
+    }
+    Err(NoLesson::TooFar(trainer.agent().adam.steps))
+}
+
+impl Lesson {
+    fn new(config: &Config, progress: (u64, u64), before: Dqn, after: Dqn, loss: f32) -> Self {
+        let (minibatch, targets, gradient) = after.latest_update();
+        Self {
+            config: config.clone(),
+            env_steps: progress.0,
+            episodes: progress.1,
+            minibatch: minibatch.clone(),
+            targets: targets.to_vec(),
+            gradient: gradient.clone(),
+            loss,
+            before,
+            after,
+        }
+    }
+
+    /// The network that values the next observations.
+    pub fn target(&self) -> &Mlp<f32> {
+        if self.has_target() { &self.before.target } else { &self.before.online }
+    }
+
+    /// Whether that is another one than the one that learns.
+    pub fn has_target(&self) -> bool {
+        self.config.target != TargetUpdate::None
+    }
+
+    /// As `cartpole-dqn check` reads it.
+    pub fn settings(&self) -> Settings {
+        let Config { gamma, loss, double, optimizer, .. } = &self.config;
+        Settings {
+            gamma: *gamma,
+            loss: *loss,
+            double: *double,
+            learning_rate: self.before.adam.learning_rate,
+            beta1: optimizer.beta1,
+            beta2: optimizer.beta2,
+            epsilon: optimizer.epsilon,
+            max_gradient_norm: optimizer.max_gradient_norm,
+            ..Settings::default()
+        }
+    }
+
+    /// The tensors of the file that `cartpole-dqn check` reads.
+    pub fn tensors(&self) -> Writer {
+        let mut file = Writer::default();
+        file.put_network("online.", &self.before.online);
+        if self.has_target() {
+            file.put_network("target.", &self.before.target);
+        }
+        let adam = &self.before.adam;
+        if adam.steps > 0 {
+            let moments = |values: &[f32]| {
+                let mut network = self.before.online.clone();
+                network.parameters_mut().copy_from_slice(values);
+                network
+            };
+            file.put_integer("adam.steps", adam.steps);
+            file.put_network("adam.m.", &moments(&adam.first_moment));
+            file.put_network("adam.v.", &moments(&adam.second_moment));
+        }
+        let Minibatch { observations, actions, rewards, discounts, next_observations, terminated } =
+            &self.minibatch;
+        let (batch, inputs) = observations.shape();
+        for (name, values) in [("observations", observations), ("next_observations", next_observations)] {
+            file.put(&format!("batch.{name}"), &[batch, inputs], values.transpose().as_slice());
+        }
+        file.put_bytes("batch.actions", actions.iter().copied());
+        file.put_bytes("batch.terminated", terminated.iter().copied().map(u8::from));
+        file.put("batch.rewards", &[batch], rewards);
+        file.put("batch.discounts", &[batch], discounts);
+        file.put("result.targets", &[batch], &self.targets);
+        file.put("result.loss", &[1], &[self.loss]);
+        file.put_network("result.gradients.", &self.gradient);
+        file.put_network("result.online.", &self.after.online);
+        file
+    }
+}

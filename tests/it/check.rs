@@ -1,0 +1,412 @@
+//! `check` and `explain`: other people's updates, with and without mistakes.
+
+use cartpole_dqn::check::{
+    Batch, CATALOGUE, Moments, Reference, Results, Settings, Stage, State, Update, Variant, Verdict, check,
+};
+use cartpole_dqn::config::Config;
+use cartpole_dqn::env::CartPole;
+use cartpole_dqn::explain::lesson;
+use cartpole_dqn::nn::{Loss, Mlp};
+use cartpole_dqn::rng::Rng;
+use cartpole_dqn::trainer::{Event, Trainer};
+use nalgebra::DMatrix;
+use predicates::prelude::*;
+use serde_json::Value;
+
+use crate::cli::{Sandbox, TINY, sets};
+use crate::{golden, numbers};
+
+/// An update without results, in which every mistake of the catalogue can show.
+fn update(settings: Settings, steps: u64, has_target: bool) -> Update {
+    let mut rng = Rng::from_seed(5);
+    let (sizes, size) = (vec![4, 12, 9, 3], 24);
+    let mut network = |low: f64, high: f64| {
+        let mut network = Mlp::zeros(sizes.clone());
+        network.parameters_mut().fill_with(|| rng.uniform(low, high));
+        network
+    };
+    let (online, target) = (network(-0.6, 0.6), network(-0.6, 0.6));
+    let moments = match steps {
+        0 => [Mlp::zeros(sizes.clone()), Mlp::zeros(sizes.clone())],
+        _ => [network(-0.02, 0.02), network(0.0, 1e-3)],
+    };
+    let [first, second] = moments;
+    let observations = DMatrix::from_fn(size, 4, |_, _| rng.uniform(-2.0, 2.0));
+    let next_observations = DMatrix::from_fn(size, 4, |_, _| rng.uniform(-2.0, 2.0));
+    let batch = Batch {
+        observations,
+        next_observations,
+        actions: (0..size).map(|sample| sample % 3).collect(),
+        rewards: (0..size).map(|_| rng.uniform(-2.0, 3.0)).collect(),
+        terminated: (0..size).map(|sample| sample % 5 == 0).collect(),
+        truncated: Some((0..size).map(|sample| sample % 7 == 1).collect()),
+        discounts: vec![settings.gamma; size],
+    };
+    Update {
+        settings,
+        online,
+        target: has_target.then_some(target),
+        batch,
+        adam: Moments { steps, first, second },
+        results: Results::default(),
+        rounding_unit: f64::EPSILON / 2.0,
+    }
+}
+
+/// Fills in what a variant gives of these quantities.
+fn fill(update: &mut Update, variant: &Variant, stages: &[Stage]) {
+    let (targets, loss, gradients, weights) = {
+        let reference = Reference::new(update);
+        let targets = reference.targets(variant);
+        let loss = reference.loss(variant, &targets);
+        let gradients = reference.gradients(variant, &targets, &loss, 0);
+        let weights = reference.weights(variant, &gradients, 0);
+        (targets.values, loss.value.value, gradients, weights)
+    };
+    let network = |numbers: &[cartpole_dqn::check::Number]| {
+        let mut network = update.online.clone();
+        network.parameters_mut().iter_mut().zip(numbers).for_each(|(to, from)| *to = from.value);
+        network
+    };
+    let has = |stage| stages.contains(&stage);
+    update.results = Results {
+        targets: has(Stage::Targets).then(|| targets.iter().map(|target| target.value).collect()),
+        loss: has(Stage::Loss).then_some(loss),
+        gradients: has(Stage::Gradients).then(|| network(&gradients)),
+        online: has(Stage::Weights).then(|| network(&weights)),
+    };
+}
+
+/// Settings under which a mistake is one.
+fn settings_for(id: &str) -> Settings {
+    Settings {
+        gamma: 0.9,
+        double: id.starts_with("double_exchanged") || id.starts_with("double_left"),
+        loss: if id == "mse_for_huber" { Loss::Huber } else { Loss::Mse },
+        max_gradient_norm: id.starts_with("gradient_not").then_some(0.3).or_else(|| {
+            ["gradient_clipped_by_value", "gradient_clipped_by_tensor"].contains(&id).then_some(0.3)
+        }),
+        ..Settings::default()
+    }
+}
+
+fn explanations(verdict: &Verdict) -> Vec<Vec<&'static str>> {
+    verdict.explanations.iter().map(|mistakes| mistakes.iter().map(|mistake| mistake.id).collect()).collect()
+}
+
+/// The recordings of PyTorch, whose first step starts with a fresh Adam.
+#[test]
+fn golden_torch_updates_are_equal_in_all_four_quantities() {
+    let cases = golden("torch_dqn_update.json")["cases"].clone();
+    for case in cases.as_array().unwrap() {
+        let sizes: Vec<usize> = numbers(&case["sizes"]).iter().map(|&size| size as usize).collect();
+        let network = |tensors: &Value| {
+            let mut network: Mlp<f64> = Mlp::zeros(sizes.clone());
+            for (index, pair) in sizes.windows(2).enumerate() {
+                let weight = numbers(&tensors[format!("{}.weight", 2 * index)]);
+                let bias = numbers(&tensors[format!("{}.bias", 2 * index)]);
+                let weight = DMatrix::from_row_slice(pair[1], pair[0], &weight);
+                let layer = network.layer_mut(index);
+                layer[..pair[0] * pair[1]].copy_from_slice(weight.as_slice());
+                layer[pair[0] * pair[1]..].copy_from_slice(&bias);
+            }
+            network
+        };
+        let step = &case["steps"][0];
+        let number = |key: &str| case[key].as_f64().unwrap();
+        let size = number("batch") as usize;
+        let observations = |key: &str| DMatrix::from_row_slice(size, sizes[0], &numbers(&step[key]));
+        let settings = Settings {
+            gamma: number("gamma"),
+            loss: serde_json::from_value(case["loss"].clone()).unwrap(),
+            double: case["double"].as_bool().unwrap(),
+            learning_rate: number("learning_rate"),
+            ..Settings::default()
+        };
+        let fresh = Mlp::zeros(sizes.clone());
+        let update = Update {
+            settings,
+            online: network(&case["online"]),
+            target: Some(network(&case["target"])),
+            batch: Batch {
+                observations: observations("states"),
+                actions: serde_json::from_value(step["actions"].clone()).unwrap(),
+                rewards: numbers(&step["rewards"]),
+                next_observations: observations("next_states"),
+                terminated: serde_json::from_value(step["terminated"].clone()).unwrap(),
+                truncated: None,
+                discounts: vec![number("gamma"); size],
+            },
+            adam: Moments { steps: 0, first: fresh.clone(), second: fresh },
+            results: Results {
+                targets: Some(numbers(&step["targets"])),
+                loss: step["loss"].as_f64(),
+                gradients: Some(network(&step["gradients"])),
+                online: Some(network(&step["online_after"])),
+            },
+            rounding_unit: f64::EPSILON / 2.0,
+        };
+        let verdict = check(&update);
+        assert!(verdict.equal, "{sizes:?}: {verdict:?}");
+        assert!(verdict.explanations.is_empty());
+    }
+}
+
+#[test]
+fn every_mistake_of_the_catalogue_is_named() {
+    for mistake in CATALOGUE {
+        let steps = if mistake.id == "gradient_accumulated" { 1 } else { 20 };
+        let has_target = mistake.id != "gradient_through_target";
+        let mut update = update(settings_for(mistake.id), steps, has_target);
+        let variant = mistake.on(&Variant::right(&update));
+        assert_ne!(variant, Variant::right(&update), "{}", mistake.id);
+        fill(&mut update, &variant, &Stage::ALL);
+        let verdict = check(&update);
+        assert!(explanations(&verdict).contains(&vec![mistake.id]), "{}: {verdict:?}", mistake.id);
+        assert!(!verdict.equal);
+        let state = |stage| verdict.quantities.iter().find(|judged| judged.name == stage).unwrap().state;
+        assert_eq!(state(mistake.stage), State::Explained, "{}", mistake.id);
+    }
+}
+
+#[test]
+fn the_documentation_lists_every_mistake_in_the_order_of_the_catalogue() {
+    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/check.md")).unwrap();
+    let place = |id: &str| text.find(&format!("| `{id}` |")).unwrap_or_else(|| panic!("{id} is not in it"));
+    assert!(CATALOGUE.iter().map(|mistake| place(mistake.id)).is_sorted());
+}
+
+#[test]
+fn a_mistake_is_named_from_the_weights_alone() {
+    for id in ["terminal_bootstrapped", "every_pair", "gradient_of_all_actions", "sgd"] {
+        let mistake = CATALOGUE.iter().find(|mistake| mistake.id == id).unwrap();
+        let mut update = update(settings_for(id), 20, true);
+        let variant = mistake.on(&Variant::right(&update));
+        fill(&mut update, &variant, &[Stage::Weights]);
+        let verdict = check(&update);
+        assert!(explanations(&verdict).contains(&vec![id]), "{id}: {verdict:?}");
+        assert_eq!(verdict.quantities[0].state, State::Absent);
+    }
+}
+
+#[test]
+fn two_mistakes_are_both_named_in_different_quantities_and_in_the_same() {
+    for ids in [
+        ["discount_twice", "sum"],
+        ["terminal_bootstrapped", "adam_uncorrected"],
+        ["terminal_bootstrapped", "bootstrap_from_online"],
+        ["sum", "huber_for_mse"],
+        ["weight_decay", "step_count_behind"],
+    ] {
+        let mut update = update(settings_for(ids[0]), 20, true);
+        let mistakes = ids.map(|id| CATALOGUE.iter().find(|mistake| mistake.id == id).unwrap());
+        let variant = mistakes[1].on(&mistakes[0].on(&Variant::right(&update)));
+        fill(&mut update, &variant, &Stage::ALL);
+        let verdict = check(&update);
+        assert!(explanations(&verdict).contains(&ids.to_vec()), "{ids:?}: {verdict:?}");
+    }
+}
+
+/// Somebody who prints the sum and learns from the mean.
+#[test]
+fn a_mistake_in_the_reported_number_alone_is_told_apart() {
+    let mut update = update(settings_for("sum"), 20, true);
+    let right = Variant::right(&update);
+    fill(&mut update, &right, &Stage::ALL);
+    update.results.loss = update.results.loss.map(|loss| loss * 24.0);
+    let verdict = check(&update);
+    assert_eq!(explanations(&verdict), [["sum"]]);
+    assert!(verdict.explanations[0][0].reported_only);
+    assert_eq!(verdict.quantities[2].state, State::Equal);
+}
+
+#[test]
+fn numbers_that_no_known_mistake_gives_are_described_and_what_follows_is_judged_from_them() {
+    let described = |change: &dyn Fn(usize, f64, &Batch) -> f64| {
+        let mut update = update(settings_for(""), 20, true);
+        let right = Variant::right(&update);
+        fill(&mut update, &right, &[Stage::Targets]);
+        let targets = update.results.targets.take().unwrap();
+        let changed = targets.iter().enumerate().map(|(i, &target)| change(i, target, &update.batch));
+        update.results.targets = Some(changed.collect());
+        let verdict = check(&update);
+        assert_eq!(verdict.quantities[0].state, State::Different);
+        verdict.quantities[0].in_common.join("; ")
+    };
+    let is_terminated = |i: usize, batch: &Batch| batch.terminated[i];
+    let text = described(&|i, y, batch| if is_terminated(i, batch) { y - 10.0 } else { y });
+    assert!(text.contains("exactly those terminated") && text.contains("always -10.000000"), "{text}");
+    assert!(
+        described(&|i, y, batch| if batch.actions[i] == 1 { y * 0.7 } else { y }).contains("of action 1")
+    );
+    assert!(described(&|_, y, _| y * 0.7).contains("ours times 0.700000"));
+    let text = described(&|i, y, batch| batch.rewards[i] + (y - batch.rewards[i]) * 0.5);
+    assert!(text.contains("as with γ = 0.450000"), "{text}");
+}
+
+#[test]
+fn an_update_that_cannot_show_a_mistake_says_so() {
+    let mut update = update(settings_for(""), 20, true);
+    update.batch.terminated.fill(false);
+    update.batch.truncated = None;
+    let right = Variant::right(&update);
+    fill(&mut update, &right, &Stage::ALL);
+    let verdict = check(&update);
+    assert!(verdict.equal);
+    for name in ["terminal bootstrapped", "truncation not bootstrapped", "terminal reward lost"] {
+        assert!(verdict.not_visible.iter().any(|hidden| hidden == name), "{name}: {:?}", verdict.not_visible);
+    }
+    assert!(!verdict.not_visible.iter().any(|hidden| hidden == "sum"));
+}
+
+/// Every kind of config that changes the update.
+const CONFIGS: [&[&str]; 7] = [
+    &[],
+    &["n_step=5", "double=true", "loss=huber"],
+    &[
+        "target={\"kind\":\"hard\",\"every_steps\":20}",
+        "policy_weights=online",
+        "optimizer.max_gradient_norm=0.01",
+    ],
+    &["target={\"kind\":\"soft\",\"tau\":0.01}", "learn.updates=3"],
+    &[
+        "target={\"kind\":\"none\"}",
+        "policy_weights=online",
+        "observation_scale=[2.4,3,0.2,3]",
+        "reward_scale=0.01",
+    ],
+    &["replay.update=per_sample", "truncation_is_terminal=true"],
+    &["optimizer.schedule.steps=150", "optimizer.epsilon=1e-7", "network.init=he_uniform"],
+];
+
+#[test]
+fn every_update_that_explain_writes_is_equal() {
+    for config in CONFIGS {
+        let sandbox = Sandbox::new();
+        let options = [sets(TINY), sets(config)].concat();
+        for update in ["1", "2", "90"] {
+            let explain = ["explain", "--update", update, "--out", "update.safetensors"];
+            let assert = sandbox.run(&[&explain[..], &options].concat()).success();
+            let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
+            assert!(text.lines().all(|line| line.chars().count() <= 80), "{config:?}\n{text}");
+            let assert = sandbox.run(&["check", "update.safetensors", "--json"]);
+            let verdict: Value = serde_json::from_slice(&assert.get_output().stdout).unwrap();
+            assert!(verdict["equal"].as_bool().unwrap(), "{config:?} {update}: {verdict}");
+            assert.code(0);
+        }
+    }
+}
+
+#[test]
+fn the_update_that_explain_shows_is_the_one_of_the_training() {
+    let set = |settings: &[&str]| {
+        let sets: Vec<String> = [TINY, settings].concat().iter().map(ToString::to_string).collect();
+        Config::from_layers(None, &sets).unwrap()
+    };
+    for (settings, updates) in [(&["learn.updates=3"][..], 60), (&["replay.update=per_sample"], 160)] {
+        let config = set(settings);
+        let mut trainer = Trainer::new(config.clone(), CartPole::v1());
+        while trainer.agent().adam.steps < updates {
+            trainer.step(&mut Vec::<Event>::new(), None).unwrap();
+        }
+        let lesson = lesson(&config, updates).unwrap();
+        assert_eq!(lesson.after.online, trainer.agent().online, "{settings:?}");
+        assert_eq!(lesson.after.adam, trainer.agent().adam);
+        assert_eq!(lesson.env_steps, trainer.progress().env_steps);
+    }
+}
+
+#[test]
+fn explain_says_which_is_the_last_update() {
+    let sandbox = Sandbox::new();
+    let explain = [&["explain", "--update", "1000"][..], &sets(TINY)].concat();
+    sandbox
+        .run(&explain)
+        .code(2)
+        .stdout("")
+        .stderr(predicate::str::contains("the run ends after update 151"));
+    sandbox.run(&["explain", "--update", "0"]).code(2).stdout("");
+    // Before anything is trained.
+    sandbox.write("notes.txt", "mine");
+    let explain = ["explain", "--update", "60000000", "--out", "notes.txt"];
+    sandbox.run(&explain).code(2).stderr(predicate::str::contains("is not an update"));
+    assert_eq!(sandbox.read("notes.txt"), "mine");
+}
+
+#[test]
+fn check_explains_within_80_columns_and_says_by_its_exit_code_whether_something_differs() {
+    let sandbox = Sandbox::new();
+    let explain = ["explain", "--update", "90", "--out", "right.safetensors"];
+    sandbox.run(&[&explain[..], &sets(TINY)].concat()).success();
+    let equal = sandbox.run(&["check", "right.safetensors"]).code(0).stderr("");
+    let text = String::from_utf8(equal.get_output().stdout.clone()).unwrap();
+    assert_eq!(text.matches("equal (largest relative difference").count(), 4, "{text}");
+
+    // The same numbers under another discount.
+    let bytes = std::fs::read(sandbox.path("right.safetensors")).unwrap();
+    let wrong = replaced(&bytes, br#"\"loss\":\"mse\""#, br#"\"loss\":\"huber\""#);
+    sandbox.write("wrong.safetensors", wrong);
+    let different = sandbox.run(&["check", "wrong.safetensors"]).code(1);
+    let output = different.get_output();
+    let text = String::from_utf8(output.stdout.clone()).unwrap();
+    assert!(text.contains("the loss is the square, the settings say"), "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("explains what differs"));
+}
+
+/// A safetensors file with a part of its JSON replaced.
+fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
+    let end = 8 + usize::try_from(u64::from_le_bytes(bytes[..8].try_into().unwrap())).unwrap();
+    let place = bytes.windows(from.len()).position(|window| window == from).unwrap();
+    let header = [&bytes[8..place], to, &bytes[place + from.len()..end]].concat();
+    [&(header.len() as u64).to_le_bytes()[..], &header, &bytes[end..]].concat()
+}
+
+#[test]
+fn what_is_wrong_with_a_file_is_named_with_what_is_expected() {
+    let sandbox = Sandbox::new();
+    let explain = ["explain", "--update", "90", "--out", "right.safetensors"];
+    sandbox.run(&[&explain[..], &sets(TINY)].concat()).success();
+    let right = std::fs::read(sandbox.path("right.safetensors")).unwrap();
+    let refused = |bytes: Vec<u8>, parts: &[&str]| {
+        sandbox.write("wrong.safetensors", bytes);
+        let assert = sandbox.run(&["check", "wrong.safetensors"]).code(2).stdout("");
+        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        assert!(parts.iter().all(|part| message.contains(part)), "{message}");
+    };
+    let changed = |from: &str, to: &str| replaced(&right, from.as_bytes(), to.as_bytes());
+    refused(changed("batch.rewards", "batch.reward"), &["no tensor `batch.rewards`", "[8]"]);
+    refused(
+        changed("online.0.weight", "online.1.weight"),
+        &["no tensor `online.0.weight`", "[outputs, inputs]"],
+    );
+    refused(changed("adam.steps", "adam.step"), &["no tensor", "adam"]);
+    refused(changed("result.loss", "result.lost"), &["`result.lost`", "means nothing"]);
+    refused(changed(r#"\"gamma\""#, r#"\"gama\""#), &["unknown field `gama`", "`gamma`"]);
+    refused(changed(r#"\"gamma\":0.99"#, r#"\"gamma\":1.99"#), &["`gamma` is 1.99", "from 0 to 1"]);
+    refused(changed(r#"\"mse\""#, r#"\"mae\""#), &["`mae`", "`mse`"]);
+    refused(changed(r#""shape":[8,4]"#, r#""shape":[4,8]"#), &["[4, 8]", "expected"]);
+    refused(
+        changed(r#""dtype":"U64","shape":[1]"#, r#""dtype":"F64","shape":[1]"#),
+        &["adam.steps", "integer"],
+    );
+    refused(right[..right.len() / 2].to_vec(), &["cut off or damaged"]);
+    refused(b"{}".to_vec(), &["not a safetensors file"]);
+    sandbox.run(&["check", "nowhere.safetensors"]).code(2).stderr(predicate::str::contains("cannot be read"));
+
+    let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
+    let lesson = lesson(&Config::from_layers(None, &set).unwrap(), 90).unwrap();
+    for (name, shape, values, expected) in [
+        ("result.loss", &[1][..], &[f32::NAN][..], &["`result.loss` holds NaN", "a finite number"][..]),
+        ("batch.rewards", &[8], &[f32::INFINITY; 8], &["`batch.rewards` holds inf", "a finite number"]),
+        ("batch.observations", &[0, 4], &[], &["F32 [0, 4]", "a batch of at least 1"]),
+        ("batch.actions", &[8], &[2.0; 8], &["holds 2", "an action from 0 to 1"]),
+        ("batch.terminated", &[8], &[0.5; 8], &["holds 0.5", "0 or 1"]),
+        ("adam.v.0.bias", &[8], &[-1.0; 8], &["holds -1", "at least 0"]),
+        ("adam.steps", &[1], &[1.5], &["holds 1.5", "one integer"]),
+    ] {
+        let mut file = lesson.tensors();
+        file.put(name, shape, values);
+        refused(file.to_bytes(&lesson.settings()).unwrap(), expected);
+    }
+}
