@@ -205,14 +205,6 @@ pub fn check_memory(parts: impl IntoIterator<Item = u64>) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether an ordinary file begins with these bytes, or is empty. No more than these are read.
-pub fn begins_with(path: &Path, start: &[u8]) -> bool {
-    let mut found = Vec::new();
-    let file = open_ordinary(File::options().read(true), path);
-    let read = file.and_then(|file| file.take(start.len() as u64).read_to_end(&mut found));
-    read.is_ok() && (found.is_empty() || found == start)
-}
-
 /// As [`read_limited`], as text.
 ///
 /// # Errors

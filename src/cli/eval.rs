@@ -20,7 +20,7 @@ use crate::trainer::{Evaluation, SavedPolicy, Score, evaluate, play};
 type Task = TimeLimit<CartPole>;
 
 /// How every trace begins.
-const TRACE_START: &[u8] = b"{\"episode\":";
+const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 
 /// Play a trained policy and score it.
 ///

@@ -28,6 +28,7 @@ use clap::{Parser, Subcommand};
 use crate::checkpoint::{CheckpointError, Problem};
 use crate::config::ConfigError;
 use crate::nn::kernels;
+use crate::text::steers;
 use crate::trainer::TrainError;
 use crate::view::NoView;
 
@@ -35,7 +36,7 @@ use crate::view::NoView;
 ///
 /// Exit codes: 0 done; 1 tried and failed, or below --min-mean; 2 wrong usage or bad input; 130 or 143 stopped by a signal.
 #[derive(Debug, Parser)]
-#[command(version, about, max_term_width = 100)]
+#[command(version, about, max_term_width = 80)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -221,8 +222,8 @@ fn escaped(text: &str) -> String {
     for character in text.chars() {
         match character {
             '\n' | '\t' => escaped.push(character),
-            // All of them are below U+00A0.
-            control if control.is_control() => escaped += &format!("\\u{:04x}", u32::from(control)),
+            // All of them are below U+10000.
+            control if steers(control) => escaped += &format!("\\u{:04x}", u32::from(control)),
             character => escaped.push(character),
         }
     }

@@ -18,6 +18,7 @@ use crate::checkpoint::{Checkpoint, sha256};
 use crate::config::{MAX_BYTES, difference};
 use crate::files::{open_ordinary, read_limited, read_text_limited};
 use crate::sink::{Console, ProgressCsv};
+use crate::text::shown as shown_path;
 use crate::trainer::{BEST, EndReason, EventSink, Header, LAST, PREVIOUS};
 
 /// Largest checkpoint and summary that are read, in bytes.
@@ -74,7 +75,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ));
     }
     config.check_memory(1).map_err(Failure::BadInput)?;
-    let folder = tempfile::tempdir().map_err(failed)?;
+    let folder = tempfile::tempdir().map_err(|error| {
+        let place = shown_path(&std::env::temp_dir());
+        let message = format!(
+            "cannot verify: the run is trained again in the temporary directory {place}, which cannot be written: {error}; \
+             name another one in the environment variable TMPDIR"
+        );
+        Failure::unwritten(message, &error)
+    })?;
     let (mut trainer, init) = first_step(&run, config.clone())?;
     let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config, init.as_ref())?;
     let progress = ProgressCsv::create(&again.progress()).map_err(failed)?;

@@ -272,7 +272,10 @@ fn a_trace_overwrites_a_trace_and_nothing_else() {
     sandbox.run(&eval("trace")).success();
     sandbox.run(&eval("trace")).success();
     sandbox.write("mine.txt", "notes");
-    for file in ["mine.txt", "run/metrics.jsonl", "run/config.json", LAST, BEST, "run/summary.json"] {
+    sandbox.write("log.jsonl", "{\"episode\":1,\"return\":20}\n");
+    for file in
+        ["mine.txt", "log.jsonl", "run/metrics.jsonl", "run/config.json", LAST, BEST, "run/summary.json"]
+    {
         sandbox.refuses(&eval(file), &[file, "is not a trace", "would be lost"]);
     }
 }

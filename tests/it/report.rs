@@ -263,6 +263,25 @@ fn a_report_is_the_same_bytes_again_and_can_go_elsewhere() {
 }
 
 #[test]
+fn a_report_replaces_a_report_and_nothing_else() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("one", &GOOD)]);
+    let report = ["report", "s", "--out", "out"];
+    sandbox.run(&report).success();
+    sandbox.run(&report).success();
+    let own = sandbox.files();
+    for name in own.keys().filter_map(|path| path.strip_prefix("out").ok()).filter(|name| name.is_relative())
+    {
+        let file = format!("out/{}", name.display());
+        let content = own[std::path::Path::new(&file)].clone();
+        let Some(content) = content else { continue };
+        sandbox.write(&file, "config;seed\n");
+        sandbox.refuses(&report, &[&file, "is not of a report", "would be lost"]);
+        sandbox.write(&file, content);
+    }
+}
+
+#[test]
 fn fewer_than_ten_seeds_have_no_intervals_and_the_report_says_so() {
     let sandbox = Sandbox::new();
     write_study(&sandbox, &[("few", &GOOD[..9]), ("bad", &BAD[..9])]);
