@@ -51,6 +51,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     for name in [REPORT].into_iter().chain(report.files.iter().map(|(name, _)| *name)) {
         let path = &out.join(name);
         Output { option: "--out", path, what: "of a report", is_own: report::is_own }.check()?;
+        // A pipe that nobody reads would never be written.
+        if path.exists() && !path.is_file() {
+            return Err(Failure::BadInput(format!("{} is not an ordinary file; remove it", shown(path))));
+        }
     }
     // The report is also printed when it cannot be saved.
     if arguments.json {

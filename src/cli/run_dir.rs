@@ -304,6 +304,16 @@ impl RunDir {
     }
 }
 
+/// Refuses `-` as an `--out`: everywhere else it is standard input or output, so that no command would find the directory.
+pub(super) fn check_out(path: &Path) -> Result<(), Failure> {
+    match path.to_str() {
+        Some("-") => Err(Failure::BadInput(
+            "--out -: a directory is needed, not standard output; give a name, such as runs/mine".into(),
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// A file, and not a link to one: what is written to a run must not go elsewhere.
 fn is_ordinary(path: &Path) -> bool {
     path.symlink_metadata().is_ok_and(|found| found.is_file())

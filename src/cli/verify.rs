@@ -202,9 +202,10 @@ fn step_of(best: &Path) -> Option<u64> {
 
 /// The recorded summary, if it is of the config beside it: another config may train for ever.
 fn read_summary(run: &RunDir) -> Result<Value, Failure> {
-    let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(failed)?;
-    let summary: Value = serde_json::from_str(&text)
-        .map_err(|error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}")))?;
+    let unreadable =
+        |error: io::Error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}"));
+    let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(unreadable)?;
+    let summary: Value = serde_json::from_str(&text).map_err(|error| unreadable(error.into()))?;
     let files = [
         ("config_sha256", run.config(), MAX_BYTES),
         // None in the summary and no file where the first weights were drawn.

@@ -281,6 +281,19 @@ fn a_report_replaces_a_report_and_nothing_else() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn a_report_is_not_written_into_a_device() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("one", &GOOD)]);
+    std::os::unix::fs::symlink("/dev/null", sandbox.path("s/report.json")).unwrap();
+    sandbox
+        .run(&["report", "s"])
+        .code(2)
+        .stdout("")
+        .stderr(predicates::str::contains("not an ordinary file"));
+}
+
 #[test]
 fn fewer_than_ten_seeds_have_no_intervals_and_the_report_says_so() {
     let sandbox = Sandbox::new();
