@@ -240,6 +240,14 @@ fn refuses_a_checkpoint_of_another_format_version() {
 }
 
 #[test]
+fn a_score_in_training_of_an_earlier_policy_is_not_given_to_the_last_one() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "budget.steps=250"]).success();
+    let said = predicates::str::contains("last of its run, step 250, evaluated in training at step 200: ");
+    sandbox.run(&["eval", LAST, "--episodes", "2"]).success().stdout(said);
+}
+
+#[test]
 fn eval_says_which_policy_of_which_step_it_played() {
     let sandbox = Sandbox::with_run();
     let summary = sandbox.json("run/summary.json");
