@@ -86,7 +86,15 @@ impl Unfinished {
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let mut paths = own_unfinished();
         loop {
-            let file = builder.tempfile_in(folder)?;
+            // The error would name the temporary file, which nobody knows.
+            let file = builder.tempfile_in(folder).map_err(|error| match error.kind() {
+                kind @ (io::ErrorKind::PermissionDenied
+                | io::ErrorKind::ReadOnlyFilesystem
+                | io::ErrorKind::NotFound) => {
+                    io::Error::new(kind, format!("no file can be made in {}: {kind}", folder.display()))
+                }
+                _ => error,
+            })?;
             // A file system without locks is no reason to refuse.
             let _ = file.as_file().lock();
             // Before it was locked another process may have taken it for abandoned.

@@ -20,6 +20,7 @@ mod verify;
 mod watch;
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -185,7 +186,15 @@ fn with_tip(mut error: clap::Error) -> clap::Error {
         std::env::args_os().nth(1).is_some_and(|command| command == "train" || command == "study");
     let is_unknown = error.kind() == ErrorKind::UnknownArgument;
     if takes_config && is_unknown && error.get(ContextKind::SuggestedArg).is_none() {
-        let tip = "a config file is given as --config FILE, a key of the config as --set KEY=VALUE";
+        let is_directory = match error.get(ContextKind::InvalidArg) {
+            Some(ContextValue::String(argument)) => Path::new(argument).is_dir(),
+            _ => false,
+        };
+        let tip = if is_directory {
+            "a new run or study is written to --out DIR; `train --resume DIR` resumes a run"
+        } else {
+            "a config file is given as --config FILE, a key of the config as --set KEY=VALUE"
+        };
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     error

@@ -64,12 +64,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     fs::create_dir_all(out).map_err(|error| cannot_write(out, &error, "; choose another --out"))?;
     let json = out.join(REPORT);
-    write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, ""))?;
+    write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, "; choose another --out"))?;
     let mut written = vec![REPORT];
     for (name, content) in &report.files {
         let path = out.join(name);
         write_whole(&path, |file| file.write_all(content.as_bytes()))
-            .map_err(|error| cannot_write(&path, &error, ""))?;
+            .map_err(|error| cannot_write(&path, &error, "; choose another --out"))?;
         written.push(name);
     }
     if arguments.json {

@@ -160,6 +160,7 @@ refusals! {
     refuses_a_negative_seed: [], ["train", "--seed", "-1"] => ["--seed", "-1", "from 0 to 18446744073709551615"];
     refuses_a_seed_that_is_no_number: [], ["train", "--seed", "x"] => ["--seed", "'x'", "an integer"];
 
+    refuses_a_directory_without_an_option: [("run/x", b"")], ["train", "run"] => ["'run'", "--resume DIR", "--out DIR"];
     refuses_standard_output_as_a_run: [], ["train", "--out", "-"] => ["--out -", "a directory is needed"];
     refuses_standard_output_as_a_study:
         [], ["study", "--seeds", "0..1", "--out", "-"] => ["--out -", "a directory is needed"];

@@ -485,6 +485,7 @@ fn a_report_that_can_never_be_written_there_is_printed_and_refused() {
         let output = sandbox.run(&[&["report", "run"], &arguments[..]].concat()).code(2);
         let output = output.get_output();
         let [printed, message] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+        assert!(!message.contains(".writing-"), "{message}");
         assert!(message.contains("cannot write /proc") && !printed.contains("written"), "{printed}{message}");
         assert_eq!(printed.contains("never learned"), arguments[0] == "--out", "{printed}");
     }
