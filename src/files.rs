@@ -86,7 +86,15 @@ impl Unfinished {
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let mut paths = own_unfinished();
         loop {
-            let file = builder.tempfile_in(folder)?;
+            // The error would name the temporary file, which nobody knows.
+            let file = builder.tempfile_in(folder).map_err(|error| match error.kind() {
+                kind @ (io::ErrorKind::PermissionDenied
+                | io::ErrorKind::ReadOnlyFilesystem
+                | io::ErrorKind::NotFound) => {
+                    io::Error::new(kind, format!("no file can be made in {}: {kind}", folder.display()))
+                }
+                _ => error,
+            })?;
             // A file system without locks is no reason to refuse.
             let _ = file.as_file().lock();
             // Before it was locked another process may have taken it for abandoned.
@@ -203,14 +211,6 @@ pub fn check_memory(parts: impl IntoIterator<Item = u64>) -> io::Result<()> {
         reserved.push(std::hint::black_box(bytes));
     }
     Ok(())
-}
-
-/// Whether an ordinary file begins with these bytes, or is empty. No more than these are read.
-pub fn begins_with(path: &Path, start: &[u8]) -> bool {
-    let mut found = Vec::new();
-    let file = open_ordinary(File::options().read(true), path);
-    let read = file.and_then(|file| file.take(start.len() as u64).read_to_end(&mut found));
-    read.is_ok() && (found.is_empty() || found == start)
 }
 
 /// As [`read_limited`], as text.

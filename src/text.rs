@@ -10,12 +10,13 @@ pub const COLUMNS: usize = 80;
 const LEAST_NAME: usize = 8;
 const GAP: &str = "  ";
 
+/// Whether a character could steer a terminal or reorder a line.
+pub fn steers(c: char) -> bool {
+    c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
 /// A name as it can be shown anywhere: characters that could steer a terminal or reorder a line become their escapes.
 pub fn visible(text: &str) -> String {
-    let steers = |c: char| {
-        c.is_control()
-            || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
-    };
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
         if steers(c) { shown.extend(c.escape_default()) } else { shown.push(c) }

@@ -20,7 +20,7 @@ use crate::trainer::{Evaluation, SavedPolicy, Score, evaluate, play};
 type Task = TimeLimit<CartPole>;
 
 /// How every trace begins.
-const TRACE_START: &[u8] = b"{\"episode\":";
+const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 
 /// Play a trained policy and score it.
 ///
@@ -202,7 +202,12 @@ impl Played {
         let mut text = match self.env_steps {
             Some(step) => {
                 let evaluation = self.evaluation.map_or_else(String::new, |evaluation| {
-                    format!(", evaluated in training: {:.2}", evaluation.mean)
+                    // The last policy of a run can be some steps younger than its latest evaluation.
+                    let at = match evaluation.env_steps {
+                        evaluated if evaluated == step => String::new(),
+                        evaluated => format!(" at step {evaluated}"),
+                    };
+                    format!(", evaluated in training{at}: {:.2}", evaluation.mean)
                 });
                 format!("policy         {} of its run, step {step}{evaluation}\n", self.kind)
             }

@@ -22,6 +22,7 @@ mod verify;
 mod watch;
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -30,6 +31,7 @@ use clap::{Parser, Subcommand};
 use crate::checkpoint::{CheckpointError, Problem};
 use crate::config::ConfigError;
 use crate::nn::kernels;
+use crate::text::steers;
 use crate::trainer::TrainError;
 use crate::view::NoView;
 
@@ -37,7 +39,7 @@ use crate::view::NoView;
 ///
 /// Exit codes: 0 done; 1 tried and failed, or below --min-mean; 2 wrong usage or bad input; 130 or 143 stopped by a signal.
 #[derive(Debug, Parser)]
-#[command(version, about, max_term_width = 100)]
+#[command(version, about, max_term_width = 80)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -190,7 +192,15 @@ fn with_tip(mut error: clap::Error) -> clap::Error {
         std::env::args_os().nth(1).is_some_and(|command| command == "train" || command == "study");
     let is_unknown = error.kind() == ErrorKind::UnknownArgument;
     if takes_config && is_unknown && error.get(ContextKind::SuggestedArg).is_none() {
-        let tip = "a config file is given as --config FILE, a key of the config as --set KEY=VALUE";
+        let is_directory = match error.get(ContextKind::InvalidArg) {
+            Some(ContextValue::String(argument)) => Path::new(argument).is_dir(),
+            _ => false,
+        };
+        let tip = if is_directory {
+            "a new run or study is written to --out DIR; `train --resume DIR` resumes a run"
+        } else {
+            "a config file is given as --config FILE, a key of the config as --set KEY=VALUE"
+        };
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     error
@@ -227,8 +237,8 @@ fn escaped(text: &str) -> String {
     for character in text.chars() {
         match character {
             '\n' | '\t' => escaped.push(character),
-            // All of them are below U+00A0.
-            control if control.is_control() => escaped += &format!("\\u{:04x}", u32::from(control)),
+            // All of them are below U+10000.
+            control if steers(control) => escaped += &format!("\\u{:04x}", u32::from(control)),
             character => escaped.push(character),
         }
     }

@@ -10,7 +10,7 @@ use crate::files::{open_ordinary, write_whole};
 use crate::text::shown;
 
 /// Bytes at the start of a file that tell what it is.
-const START: u64 = 256;
+const START: u64 = 512;
 
 /// An output that the user has asked for.
 pub(super) struct Output<'a> {

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::output::Output;
 use super::run_dir::cannot_write;
 use super::{Failure, print, print_json};
-use crate::files::{begins_with, write_json, write_whole};
+use crate::files::{write_json, write_whole};
 use crate::report::{self, REPORT, Report, ReportError};
 use crate::text::{shown, wrapped};
 
@@ -47,6 +48,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let report = Report::of(folder)?;
     let out = arguments.out.as_ref().unwrap_or(folder);
+    for name in [REPORT].into_iter().chain(report.files.iter().map(|(name, _)| *name)) {
+        let path = &out.join(name);
+        Output { option: "--out", path, what: "of a report", is_own: report::is_own }.check()?;
+        // A pipe that nobody reads would never be written.
+        if path.exists() && !path.is_file() {
+            return Err(Failure::BadInput(format!("{} is not an ordinary file; remove it", shown(path))));
+        }
+    }
     // The report is also printed when it cannot be saved.
     if arguments.json {
         print_json(&report.json)?;
@@ -55,12 +64,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     fs::create_dir_all(out).map_err(|error| cannot_write(out, &error, "; choose another --out"))?;
     let json = out.join(REPORT);
-    write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, ""))?;
+    write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, "; choose another --out"))?;
     let mut written = vec![REPORT];
     for (name, content) in &report.files {
         let path = out.join(name);
         write_whole(&path, |file| file.write_all(content.as_bytes()))
-            .map_err(|error| cannot_write(&path, &error, ""))?;
+            .map_err(|error| cannot_write(&path, &error, "; choose another --out"))?;
         written.push(name);
     }
     if arguments.json {
@@ -74,12 +83,7 @@ fn write_page(file: &Path, folders: &[PathBuf]) -> Result<(), Failure> {
         return print(&report::page(folders)?);
     }
     let bad = |problem: &str| Failure::BadInput(format!("cannot write --html {}: {problem}", shown(file)));
-    if file.is_dir() {
-        return Err(bad("it is a directory; give a file"));
-    }
-    if file.is_file() && !begins_with(file, b"<!DOCTYPE html>") {
-        return Err(bad("a file with other content is there; choose another name"));
-    }
+    Output { option: "--html", path: file, what: "a page of `report`", is_own: report::is_page }.check()?;
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         return Err(bad(&format!("there is no directory {}", shown(folder))));

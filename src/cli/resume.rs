@@ -95,12 +95,14 @@ pub(super) fn resume(path: &Path, sets: &[String]) -> Result<Start, Failure> {
              repeats it, so `verify` refuses it"
         ));
     }
-    schedules_that_have_ended(&config, steps).iter().for_each(|text| note(text));
+    let is_extended = config.budget != recorded.budget;
+    schedules_that_have_ended(&config, steps, is_extended).iter().for_each(|text| note(text));
     Ok(Start::Run(Box::new((run, metrics, trainer))))
 }
 
-/// What the user should know of schedules that end, or have ended, before the run does.
-fn schedules_that_have_ended(config: &Config, env_steps: u64) -> Vec<String> {
+/// What the user should know of schedules that end, or have ended, before the run does. That ε stays at its last value is
+/// worth a word only where the run becomes longer than it was planned.
+fn schedules_that_have_ended(config: &Config, env_steps: u64, is_extended: bool) -> Vec<String> {
     let end = if let Budget::Steps(steps) = config.budget { steps } else { env_steps };
     let mut notes = Vec::new();
     if let Some(schedule) = config.optimizer.schedule
@@ -116,6 +118,7 @@ fn schedules_that_have_ended(config: &Config, env_steps: u64) -> Vec<String> {
         ));
     }
     if let Exploration::Linear { final_, steps, .. } = config.exploration
+        && is_extended
         && steps <= env_steps
     {
         notes.push(format!(

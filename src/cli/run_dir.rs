@@ -212,7 +212,7 @@ impl RunDir {
             || (path == self.metrics()
                 && is_ordinary(&path)
                 && entry.metadata().is_ok_and(|file| file.len() == 0))
-            || (path == self.checkpoints() && is_empty_folder())
+            || (path == self.checkpoints() && !path.is_symlink() && is_empty_folder())
     }
 
     /// The files of a run that is to be replaced, but for its config and metrics, after making sure that there are no
@@ -238,8 +238,11 @@ impl RunDir {
         for entry in entries {
             let entry = entry.map_err(unreadable)?;
             let (path, name) = (entry.path(), entry.file_name());
+            // A link could lead to the checkpoints of another run.
             let is_folder = path == self.checkpoints() || path == self.tensorboard();
-            if (is_folder && path.is_dir()) || (stay.contains(&path) && is_ordinary(&path)) {
+            if (is_folder && !path.is_symlink() && path.is_dir())
+                || (stay.contains(&path) && is_ordinary(&path))
+            {
                 continue;
             }
             let is_own = go.contains(&path) || self.is_events(&path) || report::is_part(&name);
@@ -298,6 +301,16 @@ impl RunDir {
     }
     pub(super) fn previous(&self) -> PathBuf {
         self.checkpoints().join(PREVIOUS)
+    }
+}
+
+/// Refuses `-` as an `--out`: everywhere else it is standard input or output, so that no command would find the directory.
+pub(super) fn check_out(path: &Path) -> Result<(), Failure> {
+    match path.to_str() {
+        Some("-") => Err(Failure::BadInput(
+            "--out -: a directory is needed, not standard output; give a name, such as runs/mine".into(),
+        )),
+        _ => Ok(()),
     }
 }
 

@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use super::policy::RUNS;
 use super::run_dir::{RunDir, checkpoint_of};
-use super::{Failure, note, print, print_json};
+use super::{Failure, note, print, print_json, program};
 use crate::config::Config;
 use crate::files::open_ordinary;
 use crate::text::{shown, visible};
-use crate::trainer::{BEST, Evaluation, LAST};
+use crate::trainer::{BEST, Evaluation, LAST, PREVIOUS};
 
 /// How many levels of directories are searched.
 const DEPTH: usize = 5;
@@ -173,8 +173,9 @@ fn find(directory: &Path) -> Result<Found, Failure> {
     if !directory.is_dir() {
         let problem = if directory.exists() { "is not a directory" } else { "does not exist" };
         return Err(Failure::BadInput(format!(
-            "{} {problem}; give the directory of some runs, such as runs",
-            shown(directory)
+            "{} {problem}; give a directory with runs in it, or train the first one, which makes {RUNS}: {} train",
+            shown(directory),
+            program()
         )));
     }
     let mut found = Found::default();
@@ -248,11 +249,17 @@ impl Run {
                 return run;
             }
         }
+        let has_checkpoint = directory.last().exists() || directory.previous().exists();
         run.state = match run.history.ended {
-            true => State::Ended,
+            true if has_checkpoint => State::Ended,
             // Only a run that has not ended is asked for: the lock that tells is held for a moment.
             false if is_locked(&directory.metrics()) => State::Running,
-            false => State::Stopped,
+            _ if !has_checkpoint => {
+                let folder = directory.checkpoints();
+                run.problem = Some(format!("{}: {LAST} and {PREVIOUS} are missing", folder.display()));
+                State::Damaged
+            }
+            _ => State::Stopped,
         };
         run
     }

@@ -12,7 +12,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
-use super::run_dir::cannot_write;
+use super::run_dir::{cannot_write, check_out};
 use super::signals::Signals;
 use super::train::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
 use super::{Failure, print, shell_word};
@@ -116,6 +116,7 @@ fn variation(text: &str) -> Result<Variation, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    check_out(&arguments.out)?;
     let study = Study::new(configs(arguments)?, arguments.seeds.clone(), arguments.endurance);
     let cpus = || thread::available_parallelism().map_or(1, NonZero::get);
     let jobs = arguments.jobs.map_or_else(cpus, |jobs| jobs as usize);

@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::init::start_from;
 use super::resume::{Resumed, Run, Start, resume};
-use super::run_dir::{RunDir, bad, cannot_write, checkpoint_of};
+use super::run_dir::{RunDir, bad, cannot_write, check_out, checkpoint_of};
 use super::signals::Signals;
 use super::{Failure, print, print_json, program, say, shell_word};
 use crate::checkpoint::sha256;
@@ -306,6 +306,7 @@ fn start(arguments: &Arguments, config: Config) -> Result<Resumed, Failure> {
         None => None,
     };
     let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, &config));
+    check_out(&out)?;
     let (run, metrics) = RunDir::create(&out, arguments.force, &config, init.as_ref())?;
     // From now on a run without a checkpoint is one that has lost it, however early the process is killed.
     trainer.save_last(&mut Vec::<Event>::new(), Some(&run.checkpoints()))?;

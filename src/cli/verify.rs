@@ -18,6 +18,7 @@ use crate::checkpoint::{Checkpoint, sha256};
 use crate::config::{MAX_BYTES, difference};
 use crate::files::{open_ordinary, read_limited, read_text_limited};
 use crate::sink::{Console, ProgressCsv};
+use crate::text::shown as shown_path;
 use crate::trainer::{BEST, EndReason, EventSink, Header, LAST, PREVIOUS};
 
 /// Largest checkpoint and summary that are read, in bytes.
@@ -74,7 +75,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ));
     }
     config.check_memory(1).map_err(Failure::BadInput)?;
-    let folder = tempfile::tempdir().map_err(failed)?;
+    let folder = tempfile::tempdir().map_err(|error| {
+        let place = shown_path(&std::env::temp_dir());
+        let message = format!(
+            "cannot verify: the run is trained again in the temporary directory {place}, which cannot be written: {error}; \
+             name another one in the environment variable TMPDIR"
+        );
+        Failure::unwritten(message, &error)
+    })?;
     let (mut trainer, init) = first_step(&run, config.clone())?;
     let (again, metrics) = RunDir::create(&folder.path().join("run"), false, &config, init.as_ref())?;
     let progress = ProgressCsv::create(&again.progress()).map_err(failed)?;
@@ -194,9 +202,10 @@ fn step_of(best: &Path) -> Option<u64> {
 
 /// The recorded summary, if it is of the config beside it: another config may train for ever.
 fn read_summary(run: &RunDir) -> Result<Value, Failure> {
-    let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(failed)?;
-    let summary: Value = serde_json::from_str(&text)
-        .map_err(|error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}")))?;
+    let unreadable =
+        |error: io::Error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}"));
+    let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(unreadable)?;
+    let summary: Value = serde_json::from_str(&text).map_err(|error| unreadable(error.into()))?;
     let files = [
         ("config_sha256", run.config(), MAX_BYTES),
         // None in the summary and no file where the first weights were drawn.

@@ -19,6 +19,12 @@ const STYLE: &str = include_str!("html/page.css");
 const SCRIPT: &str = include_str!("html/page.js");
 const POLICY: &str = include_str!("html/policy.html");
 
+/// Whether a file that begins like this can be one of [`page`].
+pub fn is_page(start: &[u8]) -> bool {
+    let own = PAGE.split("{{").next().unwrap_or_default();
+    start.starts_with(own.as_bytes())
+}
+
 /// The page of a study's folder, or of one or several runs' folders.
 ///
 /// # Errors

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-pub use html::page;
+pub use html::{is_page, page};
 pub use ranking::standing;
 
 use crate::files::read_text_limited;
@@ -30,6 +30,10 @@ use crate::trainer::Evaluation;
 pub const REPORT: &str = "report.json";
 /// Name of the table of evaluations.
 pub const EVALUATIONS: &str = "evaluations.csv";
+/// How every `report.json` begins, whatever its version.
+const JSON_START: &str = "{\n  \"format_version\": ";
+/// How the table begins.
+const CSV_START: &str = "config,seed,env_steps,mean_return\n";
 /// Name of a page in the folder that it is about.
 const PAGE: &str = "report.html";
 /// Version of `report.json`.
@@ -114,6 +118,11 @@ pub fn is_part(name: &std::ffi::OsStr) -> bool {
     [REPORT, EVALUATIONS, PAGE].into_iter().chain(plots::NAMES).any(|part| name == part)
 }
 
+/// Whether a file that begins like this can be one of a report, a page apart.
+pub fn is_own(start: &[u8]) -> bool {
+    [JSON_START, CSV_START, svg::START].iter().any(|own| start.starts_with(own.as_bytes()))
+}
+
 fn read(path: &Path) -> Result<String, ReportError> {
     read_text_limited(path, MAX_FILE_SIZE).map_err(|error| ReportError::new(path, error))
 }
@@ -124,7 +133,7 @@ fn parse<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ReportError> 
 
 /// `evaluations.csv`: one row per evaluation.
 fn csv<'a>(runs: impl Iterator<Item = (&'a str, u64, &'a [Evaluation])>) -> String {
-    let mut text = String::from("config,seed,env_steps,mean_return\n");
+    let mut text = String::from(CSV_START);
     for (config, seed, evaluations) in runs {
         let config = quoted(config);
         for Evaluation { env_steps, mean } in evaluations {

@@ -4,6 +4,8 @@ use std::fmt::Write;
 
 use crate::text::{lines, shortened, visible};
 
+/// How the plots begin that are files.
+pub(super) const START: &str = r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 "#;
 const LEGEND_LINE: f64 = 18.0;
 /// Widest line of text in a plot, in characters.
 const LINE: usize = 84;

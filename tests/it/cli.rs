@@ -163,6 +163,11 @@ refusals! {
     refuses_a_negative_seed: [], ["train", "--seed", "-1"] => ["--seed", "-1", "from 0 to 18446744073709551615"];
     refuses_a_seed_that_is_no_number: [], ["train", "--seed", "x"] => ["--seed", "'x'", "an integer"];
 
+    refuses_a_directory_without_an_option: [("run/x", b"")], ["train", "run"] => ["'run'", "--resume DIR", "--out DIR"];
+    refuses_standard_output_as_a_run: [], ["train", "--out", "-"] => ["--out -", "a directory is needed"];
+    refuses_standard_output_as_a_study:
+        [], ["study", "--seeds", "0..1", "--out", "-"] => ["--out -", "a directory is needed"];
+
     refuses_an_unknown_key_and_names_the_nearest:
         [("my.json", b"{\"gama\": 0.9}")], CONFIG => ["my.json", "`gama`", "`gamma`"];
     refuses_an_unknown_key_in_set: [], ["train", "--set", "gama=0.9"] => ["--set", "`gama`", "`gamma`"];
@@ -406,4 +411,21 @@ fn a_closed_stdout_or_stderr_is_no_panic_and_loses_nothing() {
         assert!(!String::from_utf8_lossy(&output.stderr).contains("panicked"));
         assert!(sandbox.path(out).join("summary.json").is_file());
     }
+}
+
+#[test]
+fn help_fits_80_columns() {
+    let sandbox = Sandbox::new();
+    for command in ["train", "eval", "inspect", "runs", "watch", "render", "study", "report", "verify"] {
+        let help = sandbox.run(&[command, "--help"]).success();
+        let help = String::from_utf8(help.get_output().stdout.clone()).unwrap();
+        let long = help.lines().filter(|line| line.chars().count() > 80 && !line.contains("cartpole-dqn"));
+        assert_eq!(long.collect::<Vec<_>>(), [""; 0], "{command}");
+    }
+}
+
+#[test]
+fn a_character_that_reorders_a_line_is_escaped_in_messages() {
+    let sandbox = Sandbox::new();
+    sandbox.refuses(&["eval", "a\u{202e}b"], &["a\\u202eb"]);
 }

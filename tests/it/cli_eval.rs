@@ -155,7 +155,19 @@ fn plays_a_file_of_another_program_and_traces_every_step() {
 fn json_prints_the_score_alone() {
     let assert = Sandbox::new().run(&["eval", "--policy", "random", "--json"]).success();
     let report = stdout_json(&assert);
-    let expected = ["episodes", "max", "max_steps", "mean", "median", "min", "policy", "returns", "seed", "solved", "std"];
+    let expected = [
+        "episodes",
+        "max",
+        "max_steps",
+        "mean",
+        "median",
+        "min",
+        "policy",
+        "returns",
+        "seed",
+        "solved",
+        "std",
+    ];
     assert_eq!(keys(&report), expected);
     let returns: Vec<f64> = serde_json::from_value(report["returns"].clone()).unwrap();
     let mean = returns.iter().sum::<f64>() / 100.0;
@@ -240,6 +252,14 @@ fn refuses_a_checkpoint_of_another_format_version() {
 }
 
 #[test]
+fn a_score_in_training_of_an_earlier_policy_is_not_given_to_the_last_one() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "budget.steps=250"]).success();
+    let said = predicates::str::contains("last of its run, step 250, evaluated in training at step 200: ");
+    sandbox.run(&["eval", LAST, "--episodes", "2"]).success().stdout(said);
+}
+
+#[test]
 fn eval_says_which_policy_of_which_step_it_played() {
     let sandbox = Sandbox::with_run();
     let summary = sandbox.json("run/summary.json");
@@ -272,7 +292,10 @@ fn a_trace_overwrites_a_trace_and_nothing_else() {
     sandbox.run(&eval("trace")).success();
     sandbox.run(&eval("trace")).success();
     sandbox.write("mine.txt", "notes");
-    for file in ["mine.txt", "run/metrics.jsonl", "run/config.json", LAST, BEST, "run/summary.json"] {
+    sandbox.write("log.jsonl", "{\"episode\":1,\"return\":20}\n");
+    for file in
+        ["mine.txt", "log.jsonl", "run/metrics.jsonl", "run/config.json", LAST, BEST, "run/summary.json"]
+    {
         sandbox.refuses(&eval(file), &[file, "is not a trace", "would be lost"]);
     }
 }

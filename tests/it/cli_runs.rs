@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::cli::{Sandbox, refusals, stdout_json};
 
 refusals! {
-    refuses_to_list_a_missing_directory: [], ["runs"] => ["runs does not exist", "give the directory"];
+    refuses_to_list_a_missing_directory: [], ["runs"] => ["runs does not exist", "train the first one"];
     refuses_to_list_a_file: [("f", b"")], ["runs", "f"] => ["f is not a directory"];
     refuses_a_newest_run_where_none_has_a_policy:
         [("runs/a/config.json", b"{}"), ("runs/a/metrics.jsonl", b"")], ["eval"] => ["no run below runs has a policy"];
@@ -83,6 +83,11 @@ fn a_run_is_running_stopped_ended_or_damaged() {
         assert_eq!(run["path"], format!("runs/{}", run["state"].as_str().unwrap()));
     }
     let said = predicate::str::contains("damaged: ").and(predicate::str::contains("line 1"));
+    sandbox.run(&["runs"]).success().stderr(said);
+    for checkpoint in ["last", "previous"] {
+        fs::remove_file(sandbox.path(&format!("runs/ended/checkpoints/{checkpoint}.safetensors"))).unwrap();
+    }
+    let said = predicate::str::contains("damaged: runs/ended/checkpoints");
     sandbox.run(&["runs"]).success().stderr(said);
 }
 

@@ -263,6 +263,38 @@ fn a_report_is_the_same_bytes_again_and_can_go_elsewhere() {
 }
 
 #[test]
+fn a_report_replaces_a_report_and_nothing_else() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("one", &GOOD)]);
+    let report = ["report", "s", "--out", "out"];
+    sandbox.run(&report).success();
+    sandbox.run(&report).success();
+    let own = sandbox.files();
+    for name in own.keys().filter_map(|path| path.strip_prefix("out").ok()).filter(|name| name.is_relative())
+    {
+        let file = format!("out/{}", name.display());
+        let content = own[std::path::Path::new(&file)].clone();
+        let Some(content) = content else { continue };
+        sandbox.write(&file, "config;seed\n");
+        sandbox.refuses(&report, &[&file, "is not of a report", "would be lost"]);
+        sandbox.write(&file, content);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_report_is_not_written_into_a_device() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("one", &GOOD)]);
+    std::os::unix::fs::symlink("/dev/null", sandbox.path("s/report.json")).unwrap();
+    sandbox
+        .run(&["report", "s"])
+        .code(2)
+        .stdout("")
+        .stderr(predicates::str::contains("not an ordinary file"));
+}
+
+#[test]
 fn fewer_than_ten_seeds_have_no_intervals_and_the_report_says_so() {
     let sandbox = Sandbox::new();
     write_study(&sandbox, &[("few", &GOOD[..9]), ("bad", &BAD[..9])]);
@@ -453,6 +485,7 @@ fn a_report_that_can_never_be_written_there_is_printed_and_refused() {
         let output = sandbox.run(&[&["report", "run"], &arguments[..]].concat()).code(2);
         let output = output.get_output();
         let [printed, message] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
+        assert!(!message.contains(".writing-"), "{message}");
         assert!(message.contains("cannot write /proc") && !printed.contains("written"), "{printed}{message}");
         assert_eq!(printed.contains("never learned"), arguments[0] == "--out", "{printed}");
     }

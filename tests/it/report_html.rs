@@ -125,8 +125,10 @@ fn a_page_replaces_a_page_and_nothing_else() {
     for _ in 0..2 {
         sandbox.run(&["report", "run", "--html", "run/report.html"]).success();
     }
-    sandbox
-        .refuses(&["report", "run", "--html", "run/metrics.jsonl"], &["run/metrics.jsonl", "other content"]);
+    sandbox.write("home.html", "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<title>My home page</title>");
+    for file in ["run/metrics.jsonl", "home.html"] {
+        sandbox.refuses(&["report", "run", "--html", file], &[file, "not a page of `report`"]);
+    }
     sandbox.refuses(&["report", "run", "--html", "run"], &["a directory"]);
     // The page is part of the run: --force may replace both.
     sandbox.train(&["--out", "run", "--force"]).success();

@@ -322,6 +322,13 @@ fn two_processes_cannot_write_one_run() {
 }
 
 #[test]
+fn verify_names_a_summary_that_cannot_be_one() {
+    let sandbox = Sandbox::with_run();
+    sandbox.write("run/summary.json", vec![b' '; 2 << 20]);
+    sandbox.refuses(&["verify", "run"], &["summary.json", "larger than"]);
+}
+
+#[test]
 fn verify_names_the_first_line_that_differs_and_every_other_file() {
     let sandbox = Sandbox::with_run();
     let agrees = predicate::str::contains("every byte agrees");

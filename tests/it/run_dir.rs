@@ -86,6 +86,16 @@ fn force_is_not_offered_where_there_is_no_run() {
     sandbox.run(&["train", "--out", "mine"]).code(2).stderr(said);
 }
 
+#[cfg(unix)]
+#[test]
+fn force_does_not_follow_a_link_into_the_checkpoints_of_another_run() {
+    let sandbox = Sandbox::with_run();
+    sandbox.train(&["--quiet", "--out", "other"]).success();
+    std::fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
+    std::os::unix::fs::symlink("../other/checkpoints", sandbox.path("run/checkpoints")).unwrap();
+    sandbox.refuses(&["train", "--out", "run", "--force"], &["run/checkpoints", "does not belong to a run"]);
+}
+
 #[test]
 fn a_run_whose_directory_is_removed_does_not_say_that_something_is_kept() {
     let sandbox = Sandbox::new();
