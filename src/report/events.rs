@@ -18,6 +18,8 @@ pub(super) type Series = BTreeMap<String, Vec<(u64, f64)>>;
 #[derive(Default)]
 pub(super) struct History {
     pub(super) evaluations: Vec<Evaluation>,
+    /// That of the best policy, where the events say it.
+    pub(super) best: Option<Evaluation>,
     /// Environment steps of an evaluation, its smallest and its largest return.
     pub(super) extremes: Vec<(f64, f64, f64)>,
     /// Environment steps, mean return of the last 100 training episodes.
@@ -60,7 +62,11 @@ impl History {
         let number = |field: &str| event[field].as_f64();
         match event["event"].as_str() {
             Some("evaluation") => {
-                self.evaluations.extend(number("mean").map(|mean| Evaluation { env_steps, mean }));
+                let evaluation = number("mean").map(|mean| Evaluation { env_steps, mean });
+                self.evaluations.extend(evaluation);
+                if event["best"] == true {
+                    self.best = evaluation;
+                }
                 self.extremes.extend(number("min").zip(number("max")).map(|(min, max)| (x, min, max)));
             }
             Some("episode") => {

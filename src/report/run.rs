@@ -96,8 +96,8 @@ impl Run {
         let path = folder.join(METRICS);
         let history = History::read(&path)?;
         let evaluations = &history.evaluations;
-        let best = evaluations.iter().rev().max_by(|a, b| a.mean.total_cmp(&b.mean));
-        let (Some(&best), Some(&final_)) = (best, evaluations.last()) else {
+        let highest = evaluations.iter().max_by(|a, b| a.mean.total_cmp(&b.mean)).copied();
+        let (Some(best), Some(&final_)) = (history.best.or(highest), evaluations.last()) else {
             return Err(ReportError::new(&path, "holds no evaluation yet"));
         };
         let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();

@@ -512,3 +512,14 @@ refusals! {
     refuses_damaged_metrics:
         [("r/config.json", b"{}"), ("r/metrics.jsonl", b"{}\nx\n")], RUN => ["r/metrics.jsonl", "line 2"];
 }
+
+#[test]
+fn the_best_policy_of_a_report_is_the_one_that_the_run_keeps() {
+    let sandbox = Sandbox::new();
+    // No policy falls within 8 steps, so all evaluations are equal.
+    sandbox.train(&["--out", "run", "--set", "max_episode_steps=8"]).success();
+    sandbox.run(&["report", "run"]).success();
+    let (report, summary) = (sandbox.json("run/report.json"), sandbox.json("run/summary.json"));
+    assert_eq!(report["best"], summary["best_evaluation"]);
+    assert_eq!(summary["best_evaluation"], summary["final_evaluation"], "the latest of equals");
+}
