@@ -9,6 +9,7 @@ use super::{Failure, shell_word};
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::config::Config;
 use crate::env::{CartPole, Environment};
+use crate::text::shown;
 use crate::trainer::Trainer;
 
 /// Gives a run before its first step the weights of a policy; returns the copy that the run keeps.
@@ -22,7 +23,7 @@ pub(super) fn start_from(path: &Path, trainer: &mut Run) -> Result<Checkpoint, F
         return Err(Failure::BadInput(format!(
             "checkpoint {}: its policy has layers {found:?}, and the network of the run {wanted:?}; start from a policy \
              of that shape, or train one of this shape: --set {}",
-            path.display(),
+            shown(path),
             shell_word(&format!("network.hidden=[{}]", hidden.join(",")))
         )));
     }
@@ -33,7 +34,7 @@ pub(super) fn start_from(path: &Path, trainer: &mut Run) -> Result<Checkpoint, F
     } else {
         Err(Failure::BadInput(format!(
             "checkpoint {}: its weights become infinite under the run's `observation_scale`",
-            path.display()
+            shown(path)
         )))
     }
 }

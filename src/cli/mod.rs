@@ -103,7 +103,7 @@ impl From<ConfigError> for Failure {
             }
             _ => "",
         };
-        Self::BadInput(format!("{error}{hint}"))
+        Self::BadInput(on_one_line(&error) + hint)
     }
 }
 
@@ -115,7 +115,7 @@ impl From<CheckpointError> for Failure {
             }
             _ => "",
         };
-        Self::BadInput(format!("{error}{hint}"))
+        Self::BadInput(on_one_line(&error) + hint)
     }
 }
 
@@ -267,6 +267,11 @@ fn integer<const LOW: u64, const HIGH: u64>(text: &str) -> Result<u64, String> {
 /// Parses a seed.
 fn seed(text: &str) -> Result<u64, String> {
     integer::<0, { u64::MAX }>(text)
+}
+
+/// A message about one file, in whose name a line break must not begin a line.
+fn on_one_line(error: &impl std::fmt::Display) -> String {
+    error.to_string().replace('\n', "\\n")
 }
 
 /// Says on stderr what the user should know though nothing has failed.

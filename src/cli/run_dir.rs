@@ -14,6 +14,7 @@ use crate::files::{
 use crate::report;
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::study::MANIFEST;
+use crate::text::shown;
 use crate::trainer::{BEST, Evaluation, LAST, PREVIOUS, Summary};
 
 const CONFIG: &str = "config.json";
@@ -172,7 +173,7 @@ impl RunDir {
         let path = self.config();
         let text = read_text_limited(&path, MAX_BYTES)
             .map_err(|error| bad(&self.path, &format!("does not hold a run: {CONFIG}: {error}")))?;
-        let config = Config::from_layers(Some((&path.display().to_string(), &text)), &[]);
+        let config = Config::from_layers(Some((&shown(&path), &text)), &[]);
         config.map_err(|error| Failure::BadInput(error.to_string()))
     }
 
@@ -249,7 +250,7 @@ impl RunDir {
             if path.is_dir() || !(is_own || is_unfinished(&name)) {
                 return Err(format!(
                     "holds {}, which does not belong to a run, and --force replaces only runs; choose another --out",
-                    path.display()
+                    shown(&path)
                 ));
             }
             files.push(path);
@@ -357,12 +358,12 @@ pub(super) fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
 }
 
 pub(super) fn bad(path: &Path, problem: &str) -> Failure {
-    Failure::BadInput(format!("directory {} {problem}", path.display()))
+    Failure::BadInput(format!("directory {} {problem}", shown(path)))
 }
 
 /// A file of the user's choice that cannot be written.
 pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failure {
-    Failure::unwritten(format!("cannot write {}: {error}{hint}", path.display()), error)
+    Failure::unwritten(format!("cannot write {}: {error}{hint}", shown(path)), error)
 }
 
 fn in_use(path: &Path) -> Failure {

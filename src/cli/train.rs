@@ -19,6 +19,7 @@ use crate::env::{CartPole, Environment};
 use crate::files::{read_limited, read_text_limited, write_json};
 use crate::nn::kernels;
 use crate::sink::{Console, EpisodeLog, JsonLines, ProgressCsv, TensorBoard};
+use crate::text::shown;
 use crate::trainer::{Budget, EndReason, Evaluation, Event, EventSink, Summary, TrainError, Trainer};
 use crate::view::{Live, Pace, check_terminal};
 
@@ -94,7 +95,7 @@ pub(super) struct Layers {
 /// The name of a config file in messages, and its text; `-` is standard input.
 pub(super) fn read_config(path: &Path) -> Result<(String, String), Failure> {
     if path.as_os_str() != "-" {
-        return Ok((path.display().to_string(), config::read_file(path)?));
+        return Ok((shown(path), config::read_file(path)?));
     }
     let name = "standard input";
     let text = config::read(io::stdin().lock())
@@ -331,7 +332,7 @@ fn announce(arguments: &Arguments, run: &RunDir, trainer: &Run) -> String {
         (None, Some(path)) => format!(
             "training {}: seed {seed}, budget {budget}, from the weights of {}",
             arguments.layers.name(),
-            path.display()
+            shown(path)
         ),
     };
     fitting(&format!("{what}, in"), &run.path().display().to_string())

@@ -43,7 +43,7 @@ pub enum StudyError {
         problem: String,
     },
     /// The folder cannot be written.
-    #[error("cannot write {}: {source}; choose another --out", path.display())]
+    #[error("cannot write {}: {source}; choose another --out", shown(path))]
     Unwritable {
         /// The folder.
         path: PathBuf,

@@ -403,3 +403,20 @@ fn a_diverging_run_keeps_the_rows_that_it_has_written() {
     sandbox.run(&[&["train", "--quiet", "--out", "run"], &sets(DIVERGING)[..]].concat()).code(1);
     assert!(sandbox.read("run/progress.csv").starts_with("event,env_steps,"));
 }
+
+/// A line break in a name would let it write lines of its own.
+#[test]
+fn shows_a_line_break_of_a_directory_or_a_file_escaped() {
+    let sandbox = Sandbox::new();
+    for arguments in [
+        &["train", "--resume", "no\nerror: run"][..],
+        &["train", "--config", "no\nerror: config"],
+        &["eval", "no\nerror: policy"],
+        &["study", "--seeds", "0..1", "--out", "no\nerror: directory/study.json/x"],
+    ] {
+        sandbox.write("no\nerror: directory", "a file");
+        let output = sandbox.run(arguments).code(2);
+        let message = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
+        assert!(message.contains("no\\nerror: ") && !message.contains("\nerror: "), "{message}");
+    }
+}
