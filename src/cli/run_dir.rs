@@ -62,7 +62,8 @@ impl RunDir {
             run.fill(&mut metrics, replaced, config, init).map_err(unwritable)
         });
         filled.inspect_err(|_| {
-            if is_new {
+            // Between the making of the metrics and their lock another process may have made a run, and even ended it.
+            if is_new && !run.config().exists() {
                 let _ = fs::remove_file(run.metrics());
                 let _ = fs::remove_file(run.init());
             }
