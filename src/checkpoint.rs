@@ -14,10 +14,9 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use crate::files::{check_memory, open_ordinary, read_limited, write_whole_keeping};
 use crate::nn::Mlp;
 
-/// The version of the layout that this program writes; it reads all from 1 on.
-pub const FORMAT_VERSION: u32 = 2;
-/// From which version on a file holds its own SHA-256.
-const SEALED_VERSION: u32 = 2;
+/// The version of the layout, the only one that this program reads. It is raised whenever an old reader would misread a
+/// new file.
+pub const FORMAT_VERSION: u32 = 3;
 /// The one key of the metadata, so that its bytes cannot depend on an order of keys; the value is JSON.
 const METADATA_KEY: &str = "cartpole-dqn";
 /// What stands before the place of a file's own SHA-256 as this program writes it.
@@ -99,7 +98,7 @@ pub enum Problem {
     NotFinite(String),
     #[error("has no metadata of cartpole-dqn, so another program wrote it")]
     NoHeader,
-    #[error("has format version {0}; this program reads versions 1 to {FORMAT_VERSION}")]
+    #[error("has format version {0}; this program reads version {FORMAT_VERSION}")]
     WrongVersion(u32),
     #[error("its metadata is damaged: {0}")]
     BadHeader(String),
@@ -109,10 +108,6 @@ pub enum Problem {
     Replay,
     #[error("its counters are inconsistent, or belong to another task")]
     State,
-    #[error(
-        "has format version 1, which does not say how many lines of metrics.jsonl belong to it; train again"
-    )]
-    NoPlace,
     #[error("needs more memory than there is: {0}")]
     Memory(String),
     #[error("does not belong to the config.json of its run: {0}")]
@@ -281,7 +276,7 @@ impl Checkpoint {
         let found: Found =
             serde_json::from_str(text).map_err(|error| Problem::BadHeader(error.to_string()))?;
         match found.format_version {
-            version @ 1..=FORMAT_VERSION => Ok(Some(version)),
+            FORMAT_VERSION => Ok(Some(FORMAT_VERSION)),
             version => Err(Problem::WrongVersion(version)),
         }
     }
@@ -419,7 +414,7 @@ fn check_header(path: &Path) -> Result<(), Problem> {
 /// do, whoever has sealed it and with which spaces.
 fn is_sealed(bytes: &[u8], header_length: usize, header: &str) -> bool {
     let Ok(found) = serde_json::from_str::<Found>(header) else { return true };
-    let Some(sha256) = found.sha256 else { return found.format_version < SEALED_VERSION };
+    let Some(sha256) = found.sha256 else { return false };
     let header = &bytes[..bytes.len().min(size_of::<u64>() + header_length)];
     let place = header.windows(NO_SHA256.len()).position(|window| window == sha256.as_bytes());
     place.is_some_and(|start| sha256 == sha256_without(bytes, start..start + NO_SHA256.len()))

@@ -70,7 +70,7 @@ pub struct Config {
     /// Whether a truncated transition zeroes the bootstrap as a terminated one does (the tutorial's mistake).
     pub truncation_is_terminal: bool,
     /// What each coordinate of an observation is divided by, 1e-30…1e30; null for nothing.
-    pub observation_scale: Option<Vec<f64>>,
+    pub observation_divisors: Option<Vec<f64>>,
     /// What rewards are multiplied by before they are stored, 1e-30…1e30.
     pub reward_scale: f64,
     /// The weights that are evaluated and saved as the policy.
@@ -115,7 +115,7 @@ impl Default for Config {
             exploration: Exploration::Linear { initial: 1.0, final_: 0.05, steps: 10_000 },
             target: TargetUpdate::EverySteps(500),
             truncation_is_terminal: false,
-            observation_scale: None,
+            observation_divisors: None,
             reward_scale: 1.0,
             policy_weights: PolicyWeights::Online,
             budget: Budget::Steps(50_000),
@@ -240,9 +240,11 @@ impl Config {
             ),
             (steps >= least_steps, "budget.steps", json!(steps), enough),
             (
-                self.observation_scale.as_ref().is_none_or(|scale| scale.len() == CartPole::OBSERVATION_SIZE),
-                "observation_scale",
-                json!(self.observation_scale),
+                self.observation_divisors
+                    .as_ref()
+                    .is_none_or(|scale| scale.len() == CartPole::OBSERVATION_SIZE),
+                "observation_divisors",
+                json!(self.observation_divisors),
                 Allowed::OrNull(&Allowed::Scales).to_string(),
             ),
             (
@@ -330,7 +332,7 @@ impl Config {
             exploration: self.exploration,
             target: self.target,
             truncation_is_terminal: self.truncation_is_terminal,
-            observation_scale: self.observation_scale.clone(),
+            observation_divisors: self.observation_divisors.clone(),
             reward_scale: self.reward_scale,
             policy_weights: self.policy_weights,
         }

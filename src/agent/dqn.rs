@@ -37,7 +37,7 @@ pub struct DqnConfig {
     pub exploration: Exploration,
     pub target: TargetUpdate,
     pub truncation_is_terminal: bool,
-    pub observation_scale: Option<Vec<f64>>,
+    pub observation_divisors: Option<Vec<f64>>,
     pub reward_scale: f64,
     pub policy_weights: PolicyWeights,
 }
@@ -47,7 +47,7 @@ pub struct DqnConfig {
 pub struct Dqn {
     config: DqnConfig,
     /// What each coordinate of an observation is divided by before anything else sees it.
-    observation_scale: Vec<f32>,
+    observation_divisors: Vec<f32>,
     /// With which samples of a minibatch are reflected, if they are.
     mirror: Option<Mirror>,
     /// Chooses the actions and learns.
@@ -108,7 +108,7 @@ impl Dqn {
             UpdateMode::PerSample => (1, config.replay.batch_size),
         };
         let buffers = Buffers::new(batch_size, updates, online.sizes());
-        let observation_scale = match &config.observation_scale {
+        let observation_divisors = match &config.observation_divisors {
             Some(scale) => scale.iter().map(|&scale| scale as f32).collect(),
             None => vec![1.0; observation_size],
         };
@@ -119,7 +119,7 @@ impl Dqn {
             epsilon: config.exploration.initial_epsilon(),
             explore_rng: Rng::spawn(seed, Stream::Explore),
             replay_rng: Rng::spawn(seed, Stream::Replay),
-            observation_scale,
+            observation_divisors,
             mirror: None,
             online,
             buffers,
@@ -130,7 +130,7 @@ impl Dqn {
     /// The same agent, which reflects half of its samples: the task is its own mirror image.
     #[must_use]
     pub fn with_mirror(mut self, mirror: Mirror) -> Self {
-        self.mirror = Some(mirror.of_divided(&self.observation_scale));
+        self.mirror = Some(mirror.of_divided(&self.observation_divisors));
         self
     }
 
@@ -147,8 +147,8 @@ impl Dqn {
         let terminated =
             transition.terminated || (transition.truncated && self.config.truncation_is_terminal);
         let Buffers { observation, next_observation, .. } = &mut self.buffers;
-        scale(transition.observation, &self.observation_scale, observation);
-        scale(transition.next_observation, &self.observation_scale, next_observation);
+        scale(transition.observation, &self.observation_divisors, observation);
+        scale(transition.next_observation, &self.observation_divisors, next_observation);
         let reward = transition.reward * self.config.reward_scale as f32;
         self.replay.push(Transition { observation, next_observation, reward, terminated, ..transition });
     }
@@ -301,7 +301,7 @@ impl Policy for Dqn {
         if self.explore_rng.unit() <= self.epsilon {
             return self.explore_rng.below(self.buffers.acting.output().ncols() as u64) as usize;
         }
-        scale(observation, &self.observation_scale, self.buffers.acting.input_mut().as_mut_slice());
+        scale(observation, &self.observation_divisors, self.buffers.acting.input_mut().as_mut_slice());
         self.online.forward(&mut self.buffers.acting);
         argmax(self.buffers.acting.output(), 0)
     }
@@ -321,7 +321,8 @@ impl Dqn {
             PolicyWeights::Target => self.target.clone(),
         };
         let outputs = policy.sizes()[1];
-        for (weights, scale) in policy.layer_mut(0).chunks_exact_mut(outputs).zip(&self.observation_scale) {
+        for (weights, scale) in policy.layer_mut(0).chunks_exact_mut(outputs).zip(&self.observation_divisors)
+        {
             weights.iter_mut().for_each(|weight| *weight /= scale);
         }
         policy
@@ -336,7 +337,7 @@ impl Dqn {
         self.online.copy_from(policy);
         let outputs = policy.sizes()[1];
         let columns = self.online.layer_mut(0).chunks_exact_mut(outputs);
-        for (weights, scale) in columns.zip(&self.observation_scale) {
+        for (weights, scale) in columns.zip(&self.observation_divisors) {
             weights.iter_mut().for_each(|weight| *weight *= scale);
         }
         self.target.copy_from(&self.online);

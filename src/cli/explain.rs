@@ -122,7 +122,7 @@ fn head(text: &mut String, lesson: &Lesson, update: u64) -> std::fmt::Result {
     writeln!(text, "update     {update}, seed {}", config.seed)?;
     writeln!(text, "when       after environment step {}, in episode {}", lesson.env_steps, lesson.episodes)?;
     writeln!(text, "network    {}; {target}", sizes.join("-"))?;
-    if config.observation_scale.is_some() || config.reward_scale != 1.0 {
+    if config.observation_divisors.is_some() || config.reward_scale != 1.0 {
         writeln!(text, "scales     observations and rewards are shown as the network gets them: scaled")?;
     }
     writeln!(

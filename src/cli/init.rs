@@ -33,7 +33,7 @@ pub(super) fn start_from(path: &Path, trainer: &mut Run) -> Result<Checkpoint, F
         Ok(copy)
     } else {
         Err(Failure::BadInput(format!(
-            "checkpoint {}: its weights become infinite under the run's `observation_scale`",
+            "checkpoint {}: its weights become infinite under the run's `observation_divisors`",
             shown(path)
         )))
     }

@@ -207,7 +207,6 @@ fn latest(run: &RunDir, config: &Config) -> Result<(Run, bool), Failure> {
 pub(super) fn load(path: &Path, config: &Config) -> Result<Run, CheckpointError> {
     let checkpoint = Checkpoint::read(path)?;
     let trainer = match checkpoint.version() {
-        Ok(Some(1)) => Err(Problem::NoPlace),
         _ => Trainer::resume(&checkpoint, config.make_environment()),
     };
     let same = trainer.and_then(|trainer| match other_run(config, trainer.config()) {
@@ -226,11 +225,7 @@ fn is_missing(problem: &Problem) -> bool {
 fn can_be_replaced(problem: &Problem) -> bool {
     let readable = matches!(
         problem,
-        Problem::Unreadable(_)
-            | Problem::Memory(_)
-            | Problem::WrongVersion(_)
-            | Problem::NoPlace
-            | Problem::OtherRun(_)
+        Problem::Unreadable(_) | Problem::Memory(_) | Problem::WrongVersion(_) | Problem::OtherRun(_)
     );
     !readable || is_missing(problem)
 }

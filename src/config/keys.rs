@@ -59,7 +59,7 @@ pub(super) const KEYS: &[Key] = &[
     key("target.every_episodes", PERIOD, "only `hard`, instead of `every_steps`: copied after episode e, from 0, if `e % every_episodes == 0`"),
     key("target.tau", POSITIVE, "only `soft`: share of the way, after every learning step"),
     key("truncation_is_terminal", Allowed::Bool, "the 500-step limit counts as the end of the task, as a fall does"),
-    key("observation_scale", Allowed::OrNull(&Allowed::Scales), "what x, ẋ, θ, θ̇ are divided by before the agent sees them; `null`: nothing"),
+    key("observation_divisors", Allowed::OrNull(&Allowed::Scales), "what x, ẋ, θ, θ̇ are divided by before the agent sees them; `null`: nothing"),
     key("reward_scale", SCALE, "what rewards are multiplied by before they are stored; metrics show the raw ones"),
     key("policy_weights", Allowed::OneOf(&["online", "target"]), "the weights that are evaluated and saved as the policy"),
     key("budget.steps", PERIOD, "the run ends after this many steps"),

@@ -256,7 +256,6 @@ impl<E: Environment> Trainer<E> {
         header.config.check_memory(1).map_err(Problem::Memory)?;
         let mut trainer = Self::new(header.config, environment);
         trainer.saved_at = Some(env_steps);
-        // Format version 1 did not have it.
         if checkpoint.shape("best.0.weight").is_ok() {
             let mut policy = Mlp::zeros(trainer.agent.online.sizes().to_vec());
             checkpoint.get_network("best.", &mut policy)?;

@@ -272,7 +272,7 @@ const CONFIGS: [&[&str]; 7] = [
     &[
         "target={\"kind\":\"none\"}",
         "policy_weights=online",
-        "observation_scale=[2.4,3,0.2,3]",
+        "observation_divisors=[2.4,3,0.2,3]",
         "reward_scale=0.01",
     ],
     &["replay.update=per_sample", "truncation_is_terminal=true"],

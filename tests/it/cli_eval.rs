@@ -247,7 +247,7 @@ fn refuses_a_checkpoint_of_another_format_version() {
     seal(&mut bytes);
     fs::write(&path, bytes).unwrap();
     for command in ["eval", "inspect"] {
-        sandbox.refuses(&[command, "--checkpoint", BEST], &[BEST, "format version 9", "versions 1 to 2"]);
+        sandbox.refuses(&[command, "--checkpoint", BEST], &[BEST, "format version 9", "version 3"]);
     }
 }
 

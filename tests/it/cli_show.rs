@@ -122,7 +122,7 @@ fn a_picture_on_standard_output_has_the_bytes_of_the_file() {
 fn inspect_shows_step_score_and_the_hash_that_train_printed_and_no_more() {
     let sandbox = Sandbox::new();
     let printed =
-        sandbox.train(&["--out", "run2", "--set", "observation_scale=[2,2,2,2]", "--json"]).success();
+        sandbox.train(&["--out", "run2", "--set", "observation_divisors=[2,2,2,2]", "--json"]).success();
     let hash = crate::cli::stdout_json(&printed)["weights_sha256"].as_str().unwrap().to_owned();
     let last = "run2/checkpoints/last.safetensors";
     let inspected = sandbox.run(&["inspect", last]).success().stderr("");

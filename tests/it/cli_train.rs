@@ -298,7 +298,7 @@ fn a_run_starts_with_the_weights_of_a_file_whatever_the_scale_of_its_observation
     let policy = |name: &str| Checkpoint::read(&sandbox.path(name)).unwrap().policy(4, 2).unwrap();
     let given = policy("run/checkpoints/last.safetensors");
     for (out, scale) in [("same", "[1.2,1,0.105,1]"), ("other", "[3,0.5,7,0.01]"), ("none", "null")] {
-        let scale = format!("observation_scale={scale}");
+        let scale = format!("observation_divisors={scale}");
         let from = "run/checkpoints/last.safetensors";
         let arguments = ["--out", out, "--init-from", from, "--set", &scale, "--seed", "9"];
         sandbox.train(&[&arguments[..], &hardly_learns].concat()).success();

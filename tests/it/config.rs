@@ -52,7 +52,7 @@ fn the_default_is_the_documented_plain_dqn() {
         "exploration": {"schedule": "linear", "initial": 1.0, "final": 0.05, "steps": 10_000},
         "target": {"kind": "hard", "every_steps": 500},
         "truncation_is_terminal": false,
-        "observation_scale": null,
+        "observation_divisors": null,
         "reward_scale": 1.0,
         "policy_weights": "online",
         "budget": {"steps": 50_000},
@@ -94,7 +94,7 @@ fn a_config_survives_its_file() {
             "policy_weights=target",
             "optimizer.max_gradient_norm=10",
             "optimizer.schedule.final_learning_rate=1e-5",
-            "observation_scale=[2.4,2,0.2095,2]",
+            "observation_divisors=[2.4,2,0.2095,2]",
             "reward_scale=0.01",
         ],
     ];
@@ -122,7 +122,7 @@ fn every_key_of_a_resolved_config_can_be_set() {
     let everything = [
         "{}",
         r#"{"exploration": {"schedule": "per_episode"}, "budget": {"episodes": 2}}"#,
-        r#"{"target": {"kind": "soft"}, "optimizer": {"schedule": {"steps": 7}}, "observation_scale": [1,2,3,4]}"#,
+        r#"{"target": {"kind": "soft"}, "optimizer": {"schedule": {"steps": 7}}, "observation_divisors": [1,2,3,4]}"#,
     ];
     for file in everything {
         let config = merged(file, &[]);
@@ -346,9 +346,9 @@ fn a_value_of_a_wrong_type_or_out_of_range_is_refused() {
         ("optimizer.schedule=linear", "null or an object with `final_learning_rate`, `steps`"),
         ("optimizer.schedule.steps=0", "from 1"),
         ("optimizer.schedule.final_learning_rate=-0.1", "from 0 to 1"),
-        ("observation_scale=2", "null or a list with a number from 1e-30 to 1e30 for each of the 4"),
-        ("observation_scale=[1,1,1,0]", "null or a list with a number from 1e-30 to 1e30"),
-        ("observation_scale=[1.5,1.5,1.5]", "for each of the 4 observation coordinates"),
+        ("observation_divisors=2", "null or a list with a number from 1e-30 to 1e30 for each of the 4"),
+        ("observation_divisors=[1,1,1,0]", "null or a list with a number from 1e-30 to 1e30"),
+        ("observation_divisors=[1.5,1.5,1.5]", "for each of the 4 observation coordinates"),
         ("reward_scale=0", "a number from 1e-30"),
         ("reward_scale=null", "a number from 1e-30"),
         ("policy_weights=mean", "\"online\" or \"target\""),

@@ -94,7 +94,7 @@ fn every_kind_of_target_and_update_learns_it_too() {
     ] {
         let mut config = config(&[&SMALL, extra].concat());
         // The observations of this environment have another size than the config's.
-        config.observation_scale = Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
+        config.observation_divisors = Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
         let mut trainer = Trainer::new(config, TwoStates::default());
         trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
         assert_eq!(trainer.progress().best_evaluation.unwrap().mean, 10.0, "{extra:?}");
@@ -254,7 +254,7 @@ fn a_gradient_is_clipped_before_adam_sees_it() {
 fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
     let scale = [2.0, 4.0, 0.25, 0.5];
     let plain = experienced(&[]);
-    let mut scaled = experienced(&["observation_scale=[2,4,0.25,0.5]", "reward_scale=0.25"]);
+    let mut scaled = experienced(&["observation_divisors=[2,4,0.25,0.5]", "reward_scale=0.25"]);
     let (plain, stored) = (plain.replay.contents(), scaled.replay.contents());
     for (stored, raw) in stored.observations.chunks_exact(4).zip(plain.observations.chunks_exact(4)) {
         for coordinate in 0..4 {
@@ -367,7 +367,7 @@ fn a_run_resumed_in_mid_episode_goes_on_with_the_same_bits() {
         ],
         &["double=true", "n_step=4", "replay.capacity=300", "optimizer.schedule.steps=700"],
         &["target={\"kind\":\"soft\",\"tau\":0.01}", "policy_weights=target", "learn.every_steps=3"],
-        &["optimizer.max_gradient_norm=0.5", "observation_scale=[2.4,2,0.2095,2]", "reward_scale=0.01"],
+        &["optimizer.max_gradient_norm=0.5", "observation_divisors=[2.4,2,0.2095,2]", "reward_scale=0.01"],
     ] {
         let sets = ["network.hidden=[12, 8]", "replay.warmup_steps=100", "budget.steps=900"];
         let config =
