@@ -209,7 +209,7 @@ fn inspect_tells_what_is_in_a_file() {
         (
             BEST,
             vec![
-                "version 2: policy of the run, its best\n",
+                "version 3: policy of the run, its best\n",
                 policy,
                 "evaluation  mean return",
                 "\"gamma\": 0.99",
@@ -241,7 +241,7 @@ fn refuses_a_checkpoint_of_another_format_version() {
     let sandbox = Sandbox::with_run();
     let path = sandbox.path(BEST);
     let mut bytes = fs::read(&path).unwrap();
-    let version = br#"\"format_version\":2"#;
+    let version = br#"\"format_version\":3"#;
     let position = bytes.windows(version.len()).position(|window| window == version).unwrap();
     bytes[position + version.len() - 1] = b'9';
     seal(&mut bytes);
