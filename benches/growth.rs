@@ -8,7 +8,7 @@ use std::hint::black_box;
 use std::process::Command;
 
 use cartpole_dqn::agent::{Dqn, Replay, Transition};
-use cartpole_dqn::env::{CartPole, Environment};
+use cartpole_dqn::env::{CartPole, Environment, Start};
 use cartpole_dqn::rng::Rng;
 use common::{agent, flop, seconds_of_one};
 
@@ -73,21 +73,25 @@ fn bytes_per_transition(capacity: usize, epsilon: f64) -> f64 {
     let mut rng = Rng::from_seed(0);
     for memory in &mut memories {
         let mut environment = CartPole::v1();
-        let mut observation = environment.reset(&mut rng);
+        let (mut observation, mut next_observation) = ([0.0; 4], [0.0; 4]);
+        environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
         for _ in 0..capacity + capacity / 2 {
             let [x, x_dot, theta, theta_dot] = observation;
             let balancing = usize::from(0.05 * x + 0.2 * x_dot + theta + 0.5 * theta_dot > 0.0);
             let action = if rng.unit() <= epsilon { rng.below(2) as usize } else { balancing };
-            let step = environment.step(action);
+            let outcome = environment.step(action, &mut next_observation).unwrap();
             memory.push(Transition {
                 observation: &observation,
                 action,
-                reward: step.reward,
-                next_observation: &step.observation,
-                terminated: step.terminated,
-                truncated: step.truncated,
+                reward: outcome.reward as f32,
+                next_observation: &next_observation,
+                terminated: outcome.terminated,
+                truncated: outcome.truncated,
             });
-            observation = if step.ended() { environment.reset(&mut rng) } else { step.observation };
+            observation = next_observation;
+            if outcome.ended() {
+                environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
+            }
         }
     }
     let bytes = resident() - before;

@@ -5,8 +5,7 @@
 use std::hint::black_box;
 
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::CartPole;
-use cartpole_dqn::trainer::{Event, Trainer};
+use cartpole_dqn::trainer::Event;
 
 fn main() {
     // `cargo bench` passes --bench.
@@ -20,10 +19,10 @@ fn main() {
         "checkpoint.every_steps=1000000000".into(),
         format!("learn.every_steps={every}"),
     ];
-    let mut trainer = Trainer::new(Config::from_layers(None, &sets).unwrap(), CartPole::v1());
+    let mut trainer = Config::from_layers(None, &sets).unwrap().make_trainer().unwrap();
     let mut events: Vec<Event> = Vec::new();
     for _ in 0..1000 + steps {
-        trainer.step(&mut events, None).unwrap();
+        trainer.step(&mut events).unwrap();
     }
     black_box(trainer.agent());
     println!("{steps} steps after the first 1000, {} updates", trainer.progress().updates);

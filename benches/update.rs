@@ -11,9 +11,9 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::CartPole;
-use cartpole_dqn::nn::kernels::{Path, fast};
-use cartpole_dqn::trainer::{EVALUATION_SEED, Event, Trainer, evaluate};
+use cartpole_dqn::env::catalogue::EnvironmentId;
+use cartpole_dqn::nn::kernels::{InstructionSet, fast};
+use cartpole_dqn::trainer::{EVALUATION_SEED, Event, evaluate};
 use common::{agent, balancer, flop, median, seconds_of_one};
 
 /// Hidden layers and batch size.
@@ -21,21 +21,22 @@ const SIZES: [([usize; 2], usize); 4] = [([24, 24], 32), ([64, 64], 64), ([120, 
 const ROUNDS: usize = 31;
 
 /// Multiply-add rate of the machine in FLOP/s.
-fn peak(path: Path) -> f64 {
+fn peak(instruction_set: InstructionSet) -> f64 {
     let start = Instant::now();
-    let (multiply_adds, sum) = fast::peak(path, black_box(50_000), black_box(0.999), black_box(0.001));
+    let (multiply_adds, sum) =
+        fast::peak(instruction_set, black_box(50_000), black_box(0.999), black_box(0.001));
     black_box(sum);
     2.0 * multiply_adds as f64 / start.elapsed().as_secs_f64()
 }
 
 fn update(name: &str, hidden: [usize; 2], batch: usize) {
-    let path = Path::current();
+    let instruction_set = InstructionSet::current();
     let mut agent = agent(&hidden, batch);
     let flop = flop(&hidden, batch);
     let repeats = (4e7 / flop) as u32 + 1;
     let (mut seconds, mut peaks, mut shares) = (vec![], vec![], vec![]);
     for round in 0..=ROUNDS {
-        let peak = peak(path);
+        let peak = peak(instruction_set);
         let update = seconds_of_one(repeats, || {
             black_box(agent.learn().unwrap());
         });
@@ -70,24 +71,26 @@ fn beside_the_update() {
         format!("evaluation.every_steps={NEVER}"),
         format!("checkpoint.every_steps={NEVER}"),
     ];
-    let mut trainer = Trainer::new(Config::from_layers(None, &sets).unwrap(), CartPole::v1());
+    let mut trainer = Config::from_layers(None, &sets).unwrap().make_trainer().unwrap();
     // The events of a step are taken and dropped, as a sink does.
     let mut events: Vec<Event> = Vec::new();
     // ε has reached its end after 10,000 steps.
     for _ in 0..12_000 {
-        trainer.step(&mut events, None).unwrap();
+        trainer.step(&mut events).unwrap();
     }
-    let mut agent = trainer.agent().clone();
+    let mut agent = trainer.agent().as_dqn().unwrap().clone();
     let balancer = balancer();
+    let make = |max_steps| EnvironmentId::CartPoleV1.make(max_steps);
     let (mut updates, mut steps, mut outside, mut evaluations) = (vec![], vec![], vec![], vec![]);
     for _ in 0..ROUNDS {
         let update = seconds_of_one(2000, || {
             black_box(agent.learn().unwrap());
         });
-        let step = seconds_of_one(2000, || trainer.step(&mut events, None).unwrap());
+        let step = seconds_of_one(2000, || trainer.step(&mut events).unwrap());
         events.clear();
         let evaluation = seconds_of_one(1, || {
-            assert_eq!(evaluate(&balancer, &CartPole::v1(), EVALUATION_SEED, 100), [500.0; 100]);
+            let played = evaluate(&balancer, &make, 500, EVALUATION_SEED, 100, 1.0).unwrap();
+            assert!(played.iter().all(|episode| episode.total == 500.0));
         });
         updates.push(update);
         steps.push(step);
@@ -106,7 +109,7 @@ fn beside_the_update() {
 fn main() {
     // `cargo bench` passes --bench.
     let only = std::env::args().skip(1).find(|argument| argument != "--bench");
-    println!("path {:?}", Path::current());
+    println!("instruction set {}", InstructionSet::current().name());
     println!(
         "{:>12} {:>6} {:>10} {:>10} {:>10} {:>7} {:>7}",
         "network", "batch", "us/update", "GFLOP/s", "peak", "share", "best"

@@ -1,10 +1,11 @@
 //! One update of a training run, with everything that went into it and came of it.
 
-use crate::agent::{Dqn, Minibatch, NotFinite, TargetUpdate, UpdateMode};
+use crate::agent::{Dqn, DqnConfig, Minibatch, NotFinite, TargetUpdate, UpdateMode};
 use crate::check::{Settings, Writer};
 use crate::config::Config;
+use crate::env::EnvironmentError;
 use crate::nn::Mlp;
-use crate::trainer::{Event, TrainError, Trainer};
+use crate::trainer::{Event, TrainError};
 
 /// An update.
 #[derive(Clone, Debug)]
@@ -35,6 +36,12 @@ pub enum NoLesson {
     /// The run ends before.
     #[error("the run ends after update {0}; give --update a number from 1 to that, or a larger budget.steps")]
     TooFar(u64),
+    /// The environment cannot be made.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    /// The agent is none that makes such updates.
+    #[error("only a DQN can be explained")]
+    NoDqn,
     /// It cannot be trained so far.
     #[error(transparent)]
     Train(#[from] TrainError),
@@ -53,30 +60,30 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
         // Evaluations change nothing in a run.
         unevaluated.evaluation.every_steps = u64::MAX;
     }
-    let samples = config.replay.batch_size;
-    let (batch_size, batches) = match config.replay.update {
+    let samples = config.dqn.replay.batch_size;
+    let (batch_size, batches) = match config.dqn.replay.update {
         UpdateMode::Minibatch => (samples, 1),
         UpdateMode::PerSample => (1, samples as u64),
     };
-    let updates_of_a_step = u64::from(config.learn.updates).saturating_mul(batches);
-    let environment = config.make_environment();
-    let mut trainer = Trainer::new(unevaluated, environment);
+    let updates_of_a_step = u64::from(config.dqn.learn.updates).saturating_mul(batches);
+    let mut trainer = unevaluated.make_trainer()?;
     while trainer.end_reason().is_none() {
-        let before = trainer.agent();
+        let before = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?;
         let is_near = before.adam.steps.saturating_add(updates_of_a_step) >= number;
         let state = is_near.then(|| {
             (before.online.clone(), before.target.clone(), before.adam.clone(), before.replay_rng.clone())
         });
         let progress = (trainer.progress().env_steps + 1, trainer.progress().episodes);
         let steps = before.adam.steps;
-        let result = trainer.step(&mut Vec::<Event>::new(), None);
-        let has_learned = trainer.agent().adam.steps > steps;
+        let result = trainer.step(&mut Vec::<Event>::new());
+        let after = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?;
+        let has_learned = after.adam.steps > steps;
         let Some((online, target, adam, replay_rng)) = state.filter(|_| has_learned) else {
             result?;
             continue;
         };
         // The replay memory is still that which this learning step has drawn from.
-        let mut agent = trainer.agent().clone();
+        let mut agent = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?.clone();
         (agent.online, agent.target, agent.adam, agent.replay_rng) = (online, target, adam, replay_rng);
         let mut ages = vec![0; samples];
         loop {
@@ -90,7 +97,7 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
             }
         }
     }
-    Err(NoLesson::TooFar(trainer.agent().adam.steps))
+    Err(NoLesson::TooFar(trainer.agent().counters().updates))
 }
 
 impl Lesson {
@@ -116,12 +123,12 @@ impl Lesson {
 
     /// Whether that is another one than the one that learns.
     pub fn has_target(&self) -> bool {
-        self.config.target != TargetUpdate::None
+        self.config.dqn.target != TargetUpdate::None
     }
 
     /// As `cartpole-dqn check` reads it.
     pub fn settings(&self) -> Settings {
-        let Config { gamma, loss, double, optimizer, .. } = &self.config;
+        let DqnConfig { gamma, loss, double, optimizer, .. } = &self.config.dqn;
         Settings {
             gamma: *gamma,
             loss: *loss,

@@ -1,25 +1,32 @@
-//! Deep Q-learning on CartPole-v1, by hand and reproducible to the last bit.
+//! Deep Q-learning by hand, reproducible to the last bit; its first task is CartPole-v1.
 //!
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`rng`] | one seed, one stream of random numbers per consumer |
-//! | [`mirror`] | the mirror image of a task |
-//! | [`env`](mod@env) | the cart and the pole, and the time limit |
+//! | [`mirror`], [`memory`] | the mirror image of a task; whether there is enough memory |
+//! | [`env`](mod@env) | environments: the cart and the pole, the time limit, and which names a config knows |
 //! | [`nn`] | network, backpropagation, losses, Adam, and their kernels |
-//! | [`agent`] | DQN: acting, remembering, learning |
-//! | [`trainer`] | the loop, its events, evaluation |
+//! | [`tensors`] | named tensors as safetensors bytes |
+//! | [`agent`] | agents, of which DQN is one, and the policies that they make |
+//! | [`trainer`] | the loop, its events, who observes it, evaluation |
 //! | [`config`] | the JSON files that decide a run |
-//! | [`checkpoint`] | `.safetensors` files |
-//! | [`sink`] | who takes the events: metrics file, progress bar |
-//! | [`view`] | terminal views: an agent at play, a run that is training |
-//! | [`study`] | many runs: every config with every seed |
-//! | [`render`] | an episode as a GIF or an SVG |
-//! | [`check`] | which known mistake another program's update has |
-//! | [`explain`] | one update of our own training, with all its numbers |
-//! | [`report`] | what a study or a run amounts to, from files alone |
-//! | [`text`] | names, tables and sentences that fit a terminal |
 //!
-//! The arrows: `rng, env, nn <- agent <- trainer <- study <- report <- cli`.
+//! That is the core. Features of the crate add the rest:
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | `files`, `text` | files that are whole or not there; names, tables and sentences that fit a terminal |
+//! | `check`, `explain` | which known mistake another program's update has; one update of our own, with all its numbers |
+//! | `sink` | observers of a run: metrics, progress, TensorBoard |
+//! | `run` | the directory of a run: names, lock, checkpoints, resuming, verifying |
+//! | `study` | many runs: every config with every seed |
+//! | `draw`, `view` | a scene as a GIF, an SVG or in the terminal; views in a terminal |
+//! | `report` | what a study or a run amounts to, from files alone |
+//! | `cli` | one file per command |
+//!
+//! The direction: `rng, env, nn <- tensors <- agent <- trainer <- config <- run <- study <- report <- cli`. A room uses only
+//! rooms before it. The agent knows no environment. The trainer prints nothing, and knows no path and no config.
+//! `tests/it/arrows.rs` has the whole list.
 //!
 //! # Glossary
 //! - *observation, next_observation*: s and s′, what the agent sees before and after an action.
@@ -30,22 +37,35 @@
 //! - *epsilon*: probability of a random action. *gamma*: discount factor.
 
 pub mod agent;
+#[cfg(feature = "files")]
 pub mod check;
-pub mod checkpoint;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod config;
+#[cfg(feature = "draw")]
+pub mod draw;
 pub mod env;
+#[cfg(feature = "files")]
 pub mod explain;
+#[cfg(feature = "files")]
 pub mod files;
+pub mod memory;
 pub mod mirror;
 pub mod nn;
-pub mod render;
+#[cfg(feature = "report")]
 pub mod report;
 pub mod rng;
+#[cfg(feature = "files")]
+pub mod run;
+#[cfg(feature = "files")]
 pub mod sink;
+#[cfg(feature = "files")]
 pub mod study;
+pub mod tensors;
+#[cfg(feature = "files")]
 pub mod text;
 pub mod trainer;
+#[cfg(feature = "view")]
 pub mod view;
 
 /// The README's example, compiled and run by `cargo test`.

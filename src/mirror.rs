@@ -1,9 +1,11 @@
 //! The mirror image of a task.
 
+use serde::{Deserialize, Serialize};
+
 /// Under which exchange of coordinates and actions a task is its own mirror image: the step from the image of s with
 /// the image of a leads to the image of s′, with the same reward and the same end (van der Pol et al. 2020, "MDP
 /// homomorphic networks", whose first example is CartPole).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mirror {
     /// Coordinate i of the image is `factor` times coordinate j, where (j, `factor`) stands at place i.
     pub observation: Vec<(usize, f32)>,
@@ -13,10 +15,11 @@ pub struct Mirror {
 
 impl Mirror {
     /// The same mirror for observations whose coordinates have been divided by `divisors`.
-    pub fn of_divided(mut self, divisors: &[f32]) -> Self {
-        for (i, (j, factor)) in self.observation.iter_mut().enumerate() {
+    pub fn of_divided(&self, divisors: &[f32]) -> Self {
+        let mut mirror = self.clone();
+        for (i, (j, factor)) in mirror.observation.iter_mut().enumerate() {
             *factor *= divisors[*j] / divisors[i];
         }
-        self
+        mirror
     }
 }

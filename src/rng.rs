@@ -6,7 +6,7 @@
 
 use rand::Rng as _;
 use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 /// Who draws from a stream. A run spawns one stream for each from its seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,34 +21,40 @@ pub enum Stream {
     Replay = 3,
 }
 
-/// A stream of random numbers; serialising it keeps its place.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "Saved")]
+/// A stream of random numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rng(Pcg64);
 
-/// A stream in a file.
-#[derive(Deserialize)]
-struct Saved {
+/// What the crate's generator is, as it serialises itself.
+#[derive(Default, Deserialize)]
+struct Place {
     state: u128,
     increment: u128,
 }
 
-impl TryFrom<Saved> for Rng {
-    type Error = &'static str;
+impl Rng {
+    /// Where the stream is, for a checkpoint: state and increment of PCG64, the low half of each first.
+    pub fn to_words(&self) -> [u64; 4] {
+        // The crate shows its numbers only through serde, and this cannot fail.
+        let text = serde_json::to_string(&self.0).unwrap_or_default();
+        let Place { state, increment } = serde_json::from_str(&text).unwrap_or_default();
+        [state as u64, (state >> 64) as u64, increment as u64, (increment >> 64) as u64]
+    }
 
-    /// An even increment would shorten the period, down to 1: a draw that is repeated until it fits would hang.
-    fn try_from(Saved { state, increment }: Saved) -> Result<Self, Self::Error> {
+    /// The inverse of [`Self::to_words`]. None for an even increment, with which the period would be shorter, down to 1: a
+    /// draw that is repeated until it fits would hang.
+    pub fn from_words([state_low, state_high, increment_low, increment_high]: [u64; 4]) -> Option<Self> {
+        let join = |high: u64, low: u64| (u128::from(high) << 64) | u128::from(low);
+        let (state, increment) = (join(state_high, state_low), join(increment_high, increment_low));
         if increment.is_multiple_of(2) {
-            return Err("the increment of a generator is even");
+            return None;
         }
         // `new` makes the step after `state`.
         let mut generator = Pcg64::new(state.wrapping_sub(increment), increment >> 1);
         generator.advance(u128::MAX);
-        Ok(Self(generator))
+        Some(Self(generator))
     }
-}
 
-impl Rng {
     /// The stream of `numpy.random.default_rng(seed)`.
     pub fn from_seed(seed: u64) -> Self {
         Self::from_seed_sequence(seed, &[])

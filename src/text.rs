@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ratatui::text::Span;
+use unicode_width::UnicodeWidthStr;
 
 /// Columns that every table and message fits.
 pub const COLUMNS: usize = 80;
@@ -30,8 +30,8 @@ pub fn shown(path: &Path) -> String {
 }
 
 /// Columns that a text takes in a terminal.
-fn width(text: &str) -> usize {
-    Span::raw(text).width()
+pub fn width(text: &str) -> usize {
+    text.width()
 }
 
 /// As much of the beginning of the characters as fits.

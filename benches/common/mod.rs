@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use cartpole_dqn::agent::{Dqn, Minibatch, Transition, td};
+use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Policy, Transition, td};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::nn::kernels::reference;
 use cartpole_dqn::nn::{Loss, Mlp};
@@ -20,7 +20,7 @@ pub fn agent(hidden: &[usize], batch: usize) -> Dqn {
         format!("replay.batch_size={batch}"),
         format!("replay.capacity={CAPACITY}"),
     ];
-    let mut agent = Dqn::new(Config::from_layers(None, &sets).unwrap().dqn(), 4, 2, 0);
+    let mut agent = Dqn::new(Config::from_layers(None, &sets).unwrap().dqn, 4, 2, None, 0);
     let mut rng = Rng::from_seed(1);
     let mut observation = [0.0; 4];
     for step in 0..5 * CAPACITY {
@@ -81,14 +81,14 @@ pub fn naive_forward(network: &Mlp<f32>, input: DMatrix<f32>) -> Vec<DMatrix<f32
 
 /// A 4-24-24-2 that pushes towards where the pole falls, and so keeps it up for the 500 steps of every episode: no
 /// evaluation is longer.
-pub fn balancer() -> Mlp<f32> {
+pub fn balancer() -> Policy {
     let mut network = Mlp::zeros(vec![4, 24, 24, 2]);
     for (input, weight) in [0.05, 0.2, 1.0, 0.5].into_iter().enumerate() {
         network.layer_mut(0)[24 * input] = weight;
     }
     network.layer_mut(1)[0] = 1.0;
     network.layer_mut(2)[1] = 1.0;
-    network
+    Policy::Network(network)
 }
 
 /// Multiplications and additions of an update: the products of two forwards and a backward.

@@ -3,14 +3,15 @@
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::statistics::{Probes, Statistics};
+use super::statistics::{Inside, TRANSITIONS};
 use super::{
-    Exploration, Minibatch, Policy, PolicyWeights, Replay, ReplayConfig, TargetUpdate, Transition,
-    UpdateMode, argmax, td,
+    Agent, Counters, Exploration, Minibatch, NamedNumbers, NotFinite, Played, Policy, PolicyWeights, Probes,
+    Replay, ReplayConfig, ReplayContents, TargetUpdate, Transition, UpdateMode, argmax, td,
 };
 use crate::mirror::Mirror;
 use crate::nn::{Activations, Adam, Loss, Mlp, NetworkConfig, OptimizerConfig, clip_norm};
 use crate::rng::{Rng, Stream};
+use crate::tensors::{TensorError, Tensors, weights_sha256};
 
 /// When to learn.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,8 +23,8 @@ pub struct LearnConfig {
     pub updates: u32,
 }
 
-/// Settings of [`Dqn`]; each is a key of the config.
-#[derive(Clone, Debug, PartialEq)]
+/// Settings of [`Dqn`]. Each is a key of the config, see `config::keys`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)]
 pub struct DqnConfig {
     pub network: NetworkConfig,
@@ -80,27 +81,21 @@ struct Buffers {
     gradient: Mlp<f32>,
     acting: Activations<f32>,
     row: Vec<f32>,
+    /// Scaled observations.
     observation: Vec<f32>,
     next_observation: Vec<f32>,
 }
 
-/// A loss, a gradient or a weight became NaN or infinite.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NotFinite {
-    /// The loss of a minibatch.
-    #[error("the loss")]
-    Loss,
-    /// The gradient of a minibatch. Adam's step makes a weight of it that is not finite either.
-    #[error("the gradient")]
-    Gradient,
-    /// A weight after Adam's step.
-    #[error("a weight")]
-    Weight,
-}
-
 impl Dqn {
-    /// An agent that knows nothing yet, its streams spawned from `seed`.
-    pub fn new(config: DqnConfig, observation_size: usize, num_actions: usize, seed: u64) -> Self {
+    /// An agent that knows nothing yet, its streams spawned from `seed`. With `replay.mirror` it reflects half of its samples
+    /// in `mirror`, the mirror image of the task.
+    pub fn new(
+        config: DqnConfig,
+        observation_size: usize,
+        num_actions: usize,
+        mirror: Option<&Mirror>,
+        seed: u64,
+    ) -> Self {
         let online =
             Mlp::new(&config.network, observation_size, num_actions, &mut Rng::spawn(seed, Stream::Init));
         let (batch_size, updates) = match config.replay.update {
@@ -108,8 +103,8 @@ impl Dqn {
             UpdateMode::PerSample => (1, config.replay.batch_size),
         };
         let buffers = Buffers::new(batch_size, updates, online.sizes());
-        let observation_divisors = match &config.observation_divisors {
-            Some(scale) => scale.iter().map(|&scale| scale as f32).collect(),
+        let observation_divisors: Vec<f32> = match &config.observation_divisors {
+            Some(divisors) => divisors.iter().map(|&divisor| divisor as f32).collect(),
             None => vec![1.0; observation_size],
         };
         Self {
@@ -119,45 +114,14 @@ impl Dqn {
             epsilon: config.exploration.initial_epsilon(),
             explore_rng: Rng::spawn(seed, Stream::Explore),
             replay_rng: Rng::spawn(seed, Stream::Replay),
+            mirror: mirror
+                .filter(|_| config.replay.mirror)
+                .map(|mirror| mirror.of_divided(&observation_divisors)),
             observation_divisors,
-            mirror: None,
             online,
             buffers,
             config,
         }
-    }
-
-    /// The same agent, which reflects half of its samples: the task is its own mirror image.
-    #[must_use]
-    pub fn with_mirror(mut self, mirror: Mirror) -> Self {
-        self.mirror = Some(mirror.of_divided(&self.observation_divisors));
-        self
-    }
-
-    /// Gives the agent the schedules of another config after `env_steps` environment steps.
-    pub fn set_schedules(&mut self, config: &DqnConfig, env_steps: u64) {
-        self.config.optimizer = config.optimizer;
-        self.config.exploration = config.exploration;
-        self.adam.learning_rate = config.optimizer.learning_rate_after(env_steps);
-        self.epsilon = config.exploration.after_step(self.epsilon, env_steps);
-    }
-
-    /// Remembers what an action brought.
-    pub fn observe(&mut self, transition: Transition) {
-        let terminated =
-            transition.terminated || (transition.truncated && self.config.truncation_is_terminal);
-        let Buffers { observation, next_observation, .. } = &mut self.buffers;
-        scale(transition.observation, &self.observation_divisors, observation);
-        scale(transition.next_observation, &self.observation_divisors, next_observation);
-        let reward = transition.reward * self.config.reward_scale as f32;
-        self.replay.push(Transition { observation, next_observation, reward, terminated, ..transition });
-    }
-
-    /// Whether the agent learns after environment step `env_steps`.
-    pub fn learns_at(&self, env_steps: u64) -> bool {
-        env_steps.is_multiple_of(self.config.learn.every_steps)
-            && env_steps >= self.config.replay.warmup_steps
-            && self.replay.len() >= self.config.replay.batch_size
     }
 
     /// The minibatch of the latest update, its targets, and its gradient as Adam got it.
@@ -165,53 +129,52 @@ impl Dqn {
         (&self.buffers.minibatch, &self.buffers.targets, &self.buffers.gradient)
     }
 
-    /// One learning step; returns its mean loss.
+    /// One learning step: `learn.updates` minibatches. Returns their mean loss.
+    ///
+    /// # Errors
+    /// When the numbers leave the finite.
     pub fn learn(&mut self) -> Result<f32, NotFinite> {
+        let mut ages = std::mem::take(&mut self.buffers.ages);
         let (mut sum, mut count) = (0.0, 0.0);
         for _ in 0..self.config.learn.updates {
-            let mut ages = std::mem::take(&mut self.buffers.ages);
             self.replay.sample(&mut self.replay_rng, &mut ages);
             for ages in ages.chunks_exact(self.buffers.targets.len()) {
                 sum += self.update(ages)?;
                 count += 1.0;
             }
-            self.buffers.ages = ages;
         }
+        self.buffers.ages = ages;
         if let TargetUpdate::Soft { tau } = self.config.target {
             self.target.move_towards(&self.online, tau as f32);
         }
         Ok(sum / count)
     }
 
-    /// Replaces every sample of the minibatch by its mirror image with probability ½.
-    fn reflect(&mut self) {
-        let (Some(mirror), Buffers { minibatch, row, .. }) = (&self.mirror, &mut self.buffers) else {
-            return;
-        };
-        for sample in 0..minibatch.actions.len() {
-            if self.replay_rng.below(2) == 1 {
-                minibatch.reflect(sample, mirror, row);
-            }
-        }
-    }
-
-    /// One gradient step on the minibatch of the transitions with these ages; returns its loss.
+    /// One gradient step on the minibatch of the transitions with these ages (algorithm 1, the inner loop). Returns its loss.
     ///
     /// # Errors
     /// When the numbers leave the finite.
     pub fn update(&mut self, ages: &[usize]) -> Result<f32, NotFinite> {
-        let DqnConfig { n_step, gamma, .. } = self.config;
-        self.replay.gather(ages, n_step, gamma as f32, &mut self.buffers.minibatch);
-        self.reflect();
-        if self.config.target == TargetUpdate::None {
-            self.target.copy_from(&self.online);
+        let Self { config, mirror, online, target, adam, replay, replay_rng, buffers, .. } = self;
+        let Buffers { minibatch, targets, activations, next_q, gradient, row, .. } = buffers;
+        replay.gather(ages, config.n_step, config.gamma as f32, minibatch);
+        if let Some(mirror) = mirror {
+            minibatch.reflect_half(mirror, replay_rng, row);
         }
-        let loss = self.buffers.backpropagate(&self.config, &self.online, &self.target);
-        let gradient = &mut self.buffers.gradient;
-        if let Some(max_norm) = self.config.optimizer.max_gradient_norm {
+        if config.target == TargetUpdate::None {
+            target.copy_from(online);
+        }
+
+        td_targets(config.double, online, target, minibatch, activations, next_q, targets);
+        activations.set_input(&minibatch.observations);
+        online.forward(activations);
+        let (q, q_gradient) = activations.output_and_gradient_mut();
+        let loss = td::loss(config.loss, q, &minibatch.actions, targets, q_gradient);
+        online.backward(activations, gradient);
+        if let Some(max_norm) = config.optimizer.max_gradient_norm {
             clip_norm(gradient.parameters_mut(), max_norm);
         }
-        let finite = self.adam.step(self.online.parameters_mut(), gradient.parameters());
+        let finite = adam.step(online.parameters_mut(), gradient.parameters());
 
         match (loss.is_finite(), finite) {
             (false, _) => Err(NotFinite::Loss),
@@ -219,6 +182,31 @@ impl Dqn {
             (true, false) => Err(NotFinite::Weight),
             (true, true) => Ok(loss),
         }
+    }
+}
+
+/// What the Q-values of a minibatch should be: y = r + γᵏ max_a Q_target(s′, a), see [`td::targets`] and
+/// [`td::double_targets`]. `activations` and `next_q` are scratch.
+fn td_targets(
+    double: bool,
+    online: &Mlp<f32>,
+    target: &Mlp<f32>,
+    minibatch: &Minibatch,
+    activations: &mut Activations<f32>,
+    next_q: &mut DMatrix<f32>,
+    targets: &mut [f32],
+) {
+    let Minibatch { rewards, discounts, next_observations, terminated, .. } = minibatch;
+    activations.set_input(next_observations);
+    if double {
+        online.forward(activations);
+        next_q.copy_from(activations.output());
+    }
+    target.forward(activations);
+    if double {
+        td::double_targets(discounts, rewards, terminated, next_q, activations.output(), targets);
+    } else {
+        td::targets(discounts, rewards, terminated, activations.output(), targets);
     }
 }
 
@@ -238,64 +226,9 @@ impl Buffers {
             next_observation: vec![0.0; observation_size],
         }
     }
-
-    /// The loss of the minibatch, and into `gradient` its gradient by the online network's parameters.
-    fn backpropagate(
-        &mut self,
-        config: &DqnConfig,
-        online_network: &Mlp<f32>,
-        target_network: &Mlp<f32>,
-    ) -> f32 {
-        let Self { minibatch, targets, next_q, activations, gradient, .. } = self;
-        let Minibatch { observations, actions, rewards, discounts, next_observations, terminated, .. } =
-            minibatch;
-
-        activations.set_input(next_observations);
-        if config.double {
-            online_network.forward(activations);
-            next_q.copy_from(activations.output());
-        }
-        target_network.forward(activations);
-        if config.double {
-            td::double_targets(discounts, rewards, terminated, next_q, activations.output(), targets);
-        } else {
-            td::targets(discounts, rewards, terminated, activations.output(), targets);
-        }
-
-        activations.set_input(observations);
-        online_network.forward(activations);
-        let (q, q_gradient) = activations.output_and_gradient_mut();
-        let loss = td::loss(config.loss, q, actions, targets, q_gradient);
-
-        online_network.backward(activations, gradient);
-        loss
-    }
 }
 
-impl Dqn {
-    /// Follows the schedules of ε, of the learning rate and of the target network after environment step `env_steps`.
-    pub fn after_step(&mut self, env_steps: u64) {
-        self.adam.learning_rate = self.config.optimizer.learning_rate_after(env_steps);
-        self.epsilon = self.config.exploration.after_step(self.epsilon, env_steps);
-        if let TargetUpdate::EverySteps(period) = self.config.target
-            && env_steps.is_multiple_of(period)
-        {
-            self.target.copy_from(&self.online);
-        }
-    }
-
-    /// Follows the schedules after episode `episode`, counted from 0.
-    pub fn after_episode(&mut self, episode: u64) {
-        self.epsilon = self.config.exploration.after_episode(self.epsilon);
-        if let TargetUpdate::EveryEpisodes(period) = self.config.target
-            && episode.is_multiple_of(period)
-        {
-            self.target.copy_from(&self.online);
-        }
-    }
-}
-
-impl Policy for Dqn {
+impl Agent for Dqn {
     /// ε-greedy: a random action if a uniform draw is at most ε, else the one with the largest Q-value.
     fn act(&mut self, observation: &[f32]) -> usize {
         if self.explore_rng.unit() <= self.epsilon {
@@ -306,75 +239,154 @@ impl Policy for Dqn {
         argmax(self.buffers.acting.output(), 0)
     }
 
-    fn q_values(&self) -> Vec<f32> {
-        let q = self.buffers.acting.output().iter();
-        q.map(|&q| (f64::from(q) / self.config.reward_scale) as f32).collect()
+    fn observe(&mut self, transition: Transition<'_>) {
+        let terminated =
+            transition.terminated || (transition.truncated && self.config.truncation_is_terminal);
+        let Buffers { observation, next_observation, .. } = &mut self.buffers;
+        scale(transition.observation, &self.observation_divisors, observation);
+        scale(transition.next_observation, &self.observation_divisors, next_observation);
+        let reward = transition.reward * self.config.reward_scale as f32;
+        self.replay.push(Transition { observation, next_observation, reward, terminated, ..transition });
     }
-}
 
-impl Dqn {
-    /// The network to be evaluated and saved, for observations as the environment gives them: their scale is folded
-    /// into the first layer, W x / scale = (W / scale) x.
-    pub fn policy(&self) -> Mlp<f32> {
+    fn learn_if_due(&mut self, env_steps: u64) -> Result<Option<f32>, NotFinite> {
+        let is_due = env_steps.is_multiple_of(self.config.learn.every_steps)
+            && env_steps >= self.config.replay.warmup_steps
+            && self.replay.len() >= self.config.replay.batch_size;
+        let loss = if is_due { Some(self.learn()?) } else { None };
+        self.apply_schedules(env_steps);
+        if let TargetUpdate::EverySteps(period) = self.config.target
+            && env_steps.is_multiple_of(period)
+        {
+            self.target.copy_from(&self.online);
+        }
+        Ok(loss)
+    }
+
+    fn end_episode(&mut self, episode: u64) {
+        self.epsilon = self.config.exploration.after_episode(self.epsilon);
+        if let TargetUpdate::EveryEpisodes(period) = self.config.target
+            && episode.is_multiple_of(period)
+        {
+            self.target.copy_from(&self.online);
+        }
+    }
+
+    /// The observations' divisors are folded into the first layer: W x / d = (W / d) x.
+    fn policy(&self) -> Policy {
         let mut policy = match self.config.policy_weights {
             PolicyWeights::Online => self.online.clone(),
             PolicyWeights::Target => self.target.clone(),
         };
         let outputs = policy.sizes()[1];
-        for (weights, scale) in policy.layer_mut(0).chunks_exact_mut(outputs).zip(&self.observation_divisors)
-        {
-            weights.iter_mut().for_each(|weight| *weight /= scale);
+        let columns = policy.layer_mut(0).chunks_exact_mut(outputs);
+        for (weights, divisor) in columns.zip(&self.observation_divisors) {
+            weights.iter_mut().for_each(|weight| *weight /= divisor);
         }
-        policy
+        Policy::Network(policy)
     }
-}
 
-impl Dqn {
-    /// The inverse of [`Self::policy`]: makes both networks a policy for observations as the environment gives them,
-    /// of the same layer sizes. False if a weight leaves the finite under the agent's observation scale.
-    #[must_use]
-    pub fn set_policy(&mut self, policy: &Mlp<f32>) -> bool {
-        self.online.copy_from(policy);
-        let outputs = policy.sizes()[1];
+    /// The inverse of [`Self::policy`], for both networks.
+    fn start_from(&mut self, policy: &Policy) -> bool {
+        let Policy::Network(network) = policy;
+        if network.sizes() != self.online.sizes() {
+            return false;
+        }
+        self.online.copy_from(network);
+        let outputs = network.sizes()[1];
         let columns = self.online.layer_mut(0).chunks_exact_mut(outputs);
-        for (weights, scale) in columns.zip(&self.observation_divisors) {
-            weights.iter_mut().for_each(|weight| *weight *= scale);
+        for (weights, divisor) in columns.zip(&self.observation_divisors) {
+            weights.iter_mut().for_each(|weight| *weight *= divisor);
         }
         self.target.copy_from(&self.online);
         self.online.parameters().iter().all(|parameter| parameter.is_finite())
     }
-}
 
-impl Dqn {
-    /// What learning looks like from inside; see [`Statistics`].
-    pub fn statistics(&self, probes: &Probes) -> Statistics {
-        let batch_size = self.replay.len().min(Statistics::TRANSITIONS);
-        let mut buffers = Buffers::new(batch_size, 1, self.online.sizes());
-        for (index, age) in buffers.ages.iter_mut().enumerate() {
-            *age = index * self.replay.len() / batch_size;
+    fn gamma(&self) -> f64 {
+        self.config.gamma
+    }
+
+    fn counters(&self) -> Counters {
+        let Adam { steps, learning_rate, .. } = self.adam;
+        Counters { updates: steps, epsilon: self.epsilon, learning_rate }
+    }
+
+    fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers> {
+        let batch_size = self.replay.len().min(TRANSITIONS);
+        if batch_size == 0 {
+            return None;
         }
-        let DqnConfig { n_step, gamma, reward_scale, .. } = self.config;
-        self.replay.gather(&buffers.ages, n_step, gamma as f32, &mut buffers.minibatch);
-        buffers.backpropagate(&self.config, &self.online, &self.target);
-        let (q, actions) = (buffers.activations.output(), &buffers.minibatch.actions);
-        let td_errors = buffers.targets.iter().enumerate().map(|(sample, target)| {
-            f64::from(q[(sample, usize::from(actions[sample]))] - target).abs() / reward_scale
+        let DqnConfig { n_step, gamma, double, loss, reward_scale, .. } = self.config;
+        let ages: Vec<usize> = (0..batch_size).map(|i| i * self.replay.len() / batch_size).collect();
+        let mut buffers = Buffers::new(batch_size, 1, self.online.sizes());
+        let Buffers { minibatch, targets, activations, next_q, gradient, .. } = &mut buffers;
+        self.replay.gather(&ages, n_step, gamma as f32, minibatch);
+        td_targets(double, &self.online, &self.target, minibatch, activations, next_q, targets);
+        activations.set_input(&minibatch.observations);
+        self.online.forward(activations);
+        let (q, q_gradient) = activations.output_and_gradient_mut();
+        td::loss(loss, q, &minibatch.actions, targets, q_gradient);
+        let td_errors = targets.iter().enumerate().map(|(sample, target)| {
+            f64::from(q[(sample, usize::from(minibatch.actions[sample]))] - target).abs() / reward_scale
         });
-        let terminal = self.replay.terminal_transitions() as f64 / self.replay.len() as f64;
-        Statistics::new(
-            &self.policy(),
-            probes,
-            reward_scale,
-            terminal,
-            td_errors.collect(),
-            &buffers.gradient,
-        )
+        let td_errors = td_errors.collect();
+        self.online.backward(activations, gradient);
+        let terminal_share = self.replay.terminal_transitions() as f64 / self.replay.len() as f64;
+        let policy = self.policy();
+        let inside = Inside { network: policy.network(), reward_scale, terminal_share, td_errors, gradient };
+        Some(inside.statistics(probes, played))
+    }
+
+    fn weights_sha256(&self) -> String {
+        weights_sha256(&self.online)
+    }
+
+    fn save(&self, tensors: &mut Tensors) {
+        let Self { online, target, adam, replay, .. } = self;
+        tensors.put_network("online.", online);
+        tensors.put_network("target.", target);
+        tensors.put("adam.steps", &[1], &[adam.steps]);
+        tensors.put("adam.first_moment", &[adam.first_moment.len()], &adam.first_moment);
+        tensors.put("adam.second_moment", &[adam.second_moment.len()], &adam.second_moment);
+        tensors.put("epsilon", &[1], &[self.epsilon]);
+        tensors.put_rng("explore_rng", &self.explore_rng);
+        tensors.put_rng("replay_rng", &self.replay_rng);
+        replay.contents().save(online.sizes()[0], tensors);
+    }
+
+    fn load(&mut self, tensors: &Tensors, env_steps: u64) -> Result<(), TensorError> {
+        tensors.get_network("online.", &mut self.online)?;
+        tensors.get_network("target.", &mut self.target)?;
+        let parameters = self.online.parameters().len();
+        self.adam.steps = tensors.get_one("adam.steps")?;
+        if self.adam.steps >= 1 << 62 {
+            return Err(TensorError::Inconsistent("number of updates"));
+        }
+        self.adam.first_moment = tensors.get("adam.first_moment", &[parameters])?;
+        self.adam.second_moment = tensors.get("adam.second_moment", &[parameters])?;
+        self.epsilon = tensors.get_one("epsilon")?;
+        self.explore_rng = tensors.get_rng("explore_rng")?;
+        self.replay_rng = tensors.get_rng("replay_rng")?;
+        let (inputs, outputs) = (self.online.sizes()[0], self.buffers.acting.output().ncols());
+        if !self.replay.restore(&ReplayContents::load(inputs, tensors)?, outputs) {
+            return Err(TensorError::Inconsistent("replay memory"));
+        }
+        self.apply_schedules(env_steps);
+        Ok(())
     }
 }
 
-fn scale(observation: &[f32], scale: &[f32], scaled: &mut [f32]) {
-    debug_assert_eq!(observation.len(), scale.len());
-    for ((scaled, value), scale) in scaled.iter_mut().zip(observation).zip(scale) {
-        *scaled = value / scale;
+impl Dqn {
+    /// ε and the learning rate after `env_steps` environment steps.
+    fn apply_schedules(&mut self, env_steps: u64) {
+        self.adam.learning_rate = self.config.optimizer.learning_rate_after(env_steps);
+        self.epsilon = self.config.exploration.after_step(self.epsilon, env_steps);
+    }
+}
+
+fn scale(observation: &[f32], divisors: &[f32], scaled: &mut [f32]) {
+    debug_assert_eq!(observation.len(), divisors.len());
+    for ((scaled, value), divisor) in scaled.iter_mut().zip(observation).zip(divisors) {
+        *scaled = value / divisor;
     }
 }

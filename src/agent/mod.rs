@@ -2,91 +2,112 @@
 
 mod dqn;
 mod exploration;
+mod policy;
 mod random;
 mod replay;
 mod statistics;
 mod target;
 pub mod td;
 
+use std::any::Any;
+
 use nalgebra::DMatrix;
 
-use crate::nn::{Activations, Mlp};
+use crate::tensors::{TensorError, Tensors};
 
-pub use dqn::{Dqn, DqnConfig, LearnConfig, NotFinite};
+pub use dqn::{Dqn, DqnConfig, LearnConfig};
 pub use exploration::Exploration;
+pub use policy::{Actor, Greedy, Policy};
 pub use random::Random;
 pub use replay::{Minibatch, Replay, ReplayConfig, ReplayContents, Transition, UpdateMode};
-pub use statistics::{Probes, Statistics};
+pub use statistics::{NamedNumbers, Played, Probes, STATISTICS, Statistic};
 pub use target::{PolicyWeights, TargetUpdate};
 
-/// Chooses actions.
-pub trait Policy {
-    /// The action for one observation.
+/// What learns. The trainer knows no more of it than this.
+pub trait Agent: Any + Send {
+    /// The action for an observation, exploration included.
     fn act(&mut self, observation: &[f32]) -> usize;
 
-    /// The estimated returns of all actions in the observation last acted on, in units of the environment's rewards;
-    /// empty if the policy has none.
-    fn q_values(&self) -> Vec<f32>;
-}
+    /// Remembers what an action brought.
+    fn observe(&mut self, transition: Transition<'_>);
 
-/// A network's greedy policy, for a batch of observations at once.
-#[derive(Clone, Debug)]
-pub struct Greedy {
-    network: Mlp<f32>,
-    activations: Activations<f32>,
-    reward_scale: f64,
-}
+    /// Learns if that is due after environment step `env_steps`, follows the schedules that count steps, and returns the
+    /// mean loss if it has learned.
+    ///
+    /// # Errors
+    /// When the numbers leave the finite.
+    fn learn_if_due(&mut self, env_steps: u64) -> Result<Option<f32>, NotFinite>;
 
-impl Greedy {
-    /// The greedy policy of a network for up to `batch` observations at once.
-    pub fn new(network: Mlp<f32>, batch: usize) -> Self {
-        Self { activations: Activations::new(network.sizes(), batch), network, reward_scale: 1.0 }
-    }
+    /// Follows the schedules that count episodes, after episode `episode`, counted from 0.
+    fn end_episode(&mut self, episode: u64);
 
-    /// The same policy of a network that was trained on rewards times `reward_scale`. It changes no action: only the
-    /// Q-values that are shown are divided by the scale, not the weights, whose rounding could decide between two actions.
+    /// What is evaluated and saved: the greedy policy, for observations as the environment gives them.
+    fn policy(&self) -> Policy;
+
+    /// Begins with this policy instead of what was drawn. False if the policy has another shape, or a number leaves the
+    /// finite under the agent's settings.
     #[must_use]
-    pub fn with_reward_scale(self, reward_scale: f64) -> Self {
-        Self { reward_scale, ..self }
+    fn start_from(&mut self, policy: &Policy) -> bool;
+
+    /// The discount factor γ per step.
+    fn gamma(&self) -> f64;
+
+    /// How far learning is.
+    fn counters(&self) -> Counters;
+
+    /// What learning looks like from inside, each number under a name of [`STATISTICS`]; none before anything was
+    /// observed. `played` are the episodes of the latest evaluation.
+    fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers>;
+
+    /// SHA-256 in lower-case hexadecimal over what has been learned.
+    fn weights_sha256(&self) -> String;
+
+    /// Adds everything that a resumed run needs.
+    fn save(&self, tensors: &mut Tensors);
+
+    /// The inverse of [`Self::save`], after `env_steps` environment steps. Schedules are those of the agent, not those of
+    /// the agent that was saved.
+    ///
+    /// # Errors
+    /// When the tensors are not those of such an agent.
+    fn load(&mut self, tensors: &Tensors, env_steps: u64) -> Result<(), TensorError>;
+}
+
+impl dyn Agent {
+    /// The agent, if it is a [`Dqn`].
+    pub fn as_dqn(&self) -> Option<&Dqn> {
+        (self as &dyn Any).downcast_ref()
     }
 
-    /// How many observations fit.
-    pub fn batch(&self) -> usize {
-        self.activations.output().nrows()
-    }
-
-    /// Computes the Q-values of these observations.
-    pub fn see<'a>(&mut self, observations: impl Iterator<Item = &'a [f32]>) {
-        let batch = self.batch();
-        let input = self.activations.input_mut().as_mut_slice();
-        for (sample, observation) in observations.enumerate() {
-            for (value, &feature) in input[sample..].iter_mut().step_by(batch).zip(observation) {
-                *value = feature;
-            }
-        }
-        self.network.forward(&mut self.activations);
-    }
-
-    /// The action with the largest Q-value for one of the observations seen, the first of equals.
-    pub fn action(&self, sample: usize) -> usize {
-        argmax(self.activations.output(), sample)
-    }
-
-    /// The Q-value of an action for one of the observations seen, in units of the environment's rewards.
-    pub fn q_value(&self, sample: usize, action: usize) -> f64 {
-        f64::from(self.activations.output()[(sample, action)]) / self.reward_scale
+    /// As `as_dqn`, to be changed.
+    pub fn as_dqn_mut(&mut self) -> Option<&mut Dqn> {
+        (self as &mut dyn Any).downcast_mut()
     }
 }
 
-impl Policy for Greedy {
-    fn act(&mut self, observation: &[f32]) -> usize {
-        self.see(std::iter::once(observation));
-        self.action(0)
-    }
+/// How far learning is, for progress and metrics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Counters {
+    /// Gradient steps.
+    pub updates: u64,
+    /// Probability of a random action.
+    pub epsilon: f64,
+    /// Step size of the next update.
+    pub learning_rate: f64,
+}
 
-    fn q_values(&self) -> Vec<f32> {
-        (0..self.activations.output().ncols()).map(|action| self.q_value(0, action) as f32).collect()
-    }
+/// A loss, a gradient or a weight became NaN or infinite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NotFinite {
+    /// The loss of a minibatch.
+    #[error("the loss")]
+    Loss,
+    /// The gradient of a minibatch. Adam's step makes a weight of it that is not finite either.
+    #[error("the gradient")]
+    Gradient,
+    /// A weight after Adam's step.
+    #[error("a weight")]
+    Weight,
 }
 
 /// The action with the largest of a sample's Q-values, the first of equals. `q` is (batch, actions).

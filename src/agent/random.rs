@@ -1,6 +1,6 @@
 //! The baseline: every action with the same probability.
 
-use super::Policy;
+use super::Actor;
 use crate::rng::Rng;
 
 /// Acts at random.
@@ -17,7 +17,7 @@ impl Random {
     }
 }
 
-impl Policy for Random {
+impl Actor for Random {
     fn act(&mut self, _observation: &[f32]) -> usize {
         self.rng.below(self.num_actions as u64) as usize
     }

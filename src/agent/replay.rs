@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mirror::Mirror;
 use crate::rng::Rng;
+use crate::tensors::{TensorError, Tensors};
 
 /// Settings of the replay memory.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -87,6 +88,15 @@ impl Minibatch {
 }
 
 impl Minibatch {
+    /// Replaces every sample by its mirror image with probability ½; `row` is scratch.
+    pub fn reflect_half(&mut self, mirror: &Mirror, rng: &mut Rng, row: &mut Vec<f32>) {
+        for sample in 0..self.actions.len() {
+            if rng.below(2) == 1 {
+                self.reflect(sample, mirror, row);
+            }
+        }
+    }
+
     /// Replaces a sample by its mirror image; `row` is scratch.
     pub fn reflect(&mut self, sample: usize, mirror: &Mirror, row: &mut Vec<f32>) {
         let batch = self.actions.len();
@@ -127,6 +137,31 @@ pub struct ReplayContents {
     /// The next observations of those that ended an episode, and of the newest; every other next observation is
     /// the observation of the following transition.
     pub next_observations: Vec<f32>,
+}
+
+impl ReplayContents {
+    /// Adds the contents as tensors; observations are (n, `observation_size`).
+    pub(super) fn save(&self, observation_size: usize, tensors: &mut Tensors) {
+        let (len, nexts) = (self.actions.len(), self.next_observations.len() / observation_size);
+        tensors.put("replay.observations", &[len, observation_size], &self.observations);
+        tensors.put("replay.actions", &[len], &self.actions);
+        tensors.put("replay.rewards", &[len], &self.rewards);
+        tensors.put("replay.ends", &[len], &self.ends);
+        tensors.put("replay.next_observations", &[nexts, observation_size], &self.next_observations);
+    }
+
+    /// The inverse of [`Self::save`].
+    pub(super) fn load(observation_size: usize, tensors: &Tensors) -> Result<Self, TensorError> {
+        let len = tensors.shape("replay.actions")?.iter().product();
+        let nexts = tensors.shape("replay.next_observations")?.first().copied().unwrap_or(0);
+        Ok(Self {
+            observations: tensors.get("replay.observations", &[len, observation_size])?,
+            actions: tensors.get("replay.actions", &[len])?,
+            rewards: tensors.get("replay.rewards", &[len])?,
+            ends: tensors.get("replay.ends", &[len])?,
+            next_observations: tensors.get("replay.next_observations", &[nexts, observation_size])?,
+        })
+    }
 }
 
 /// The ring.

@@ -1,6 +1,6 @@
 //! What learning looks like from inside: the numbers that move before the returns do.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::nn::{Activations, Mlp};
 
@@ -13,53 +13,123 @@ pub struct Probes {
     pub doomed: Vec<Vec<f32>>,
 }
 
-/// Statistics of an agent. Values and errors are in units of the environment's rewards.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Statistics {
-    /// Share of the transitions in the replay memory that terminated, 0…1. A good policy makes them rare, and then
-    /// the network forgets what ends an episode.
-    pub terminal_share: f64,
-    /// Mean of max_a Q over the ordinary probes.
-    pub max_q: f64,
-    /// Mean difference between the largest and the second largest Q-value over the ordinary probes.
-    pub action_gap: f64,
-    /// Mean of max_a Q over the doomed probes; the true value is that of a few steps.
-    pub doomed_max_q: f64,
-    /// Norm of the loss's gradient over transitions spread evenly over the replay memory.
-    pub gradient_norm: f64,
-    /// Of the absolute TD errors of the same transitions the 10, 50 and 90 % quantiles.
-    pub td_error_quantiles: [f64; 3],
-    /// Share of the hidden units that are 0 on every probe, 0…1.
-    pub dead_relu_share: f64,
+/// An episode of the greedy policy.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Played {
+    /// Undiscounted return of as many steps as scores count.
+    pub total: f64,
+    /// Σ γᵗ rₜ
+    pub discounted: f64,
+    /// max_a Q of the first observation.
+    pub expected: f64,
+    /// Environment steps.
+    pub steps: u64,
+    /// Whether the task itself ended the episode.
+    pub terminated: bool,
 }
 
-impl Statistics {
-    /// Transitions that gradient and TD errors are taken over, if there are as many.
-    pub(super) const TRANSITIONS: usize = 256;
+/// What is known of a statistic: the one place for its name, its titles and its axis.
+#[derive(Clone, Copy, Debug)]
+pub struct Statistic {
+    /// Its name in `metrics.jsonl`.
+    pub name: &'static str,
+    /// Its title where there is little room; empty if the terminal does not show the statistic.
+    pub label: &'static str,
+    /// Its title over a plot; empty if no plot shows the statistic.
+    pub title: &'static str,
+    /// What it is.
+    pub meaning: &'static str,
+    /// Whether its axis is logarithmic.
+    pub is_logarithmic: bool,
+}
 
-    pub(super) fn new(
-        policy: &Mlp<f32>,
-        probes: &Probes,
-        reward_scale: f64,
-        terminal_share: f64,
-        mut td_errors: Vec<f64>,
-        gradient: &Mlp<f32>,
-    ) -> Self {
-        td_errors.sort_by(f64::total_cmp);
-        let quantile = |share: f64| td_errors[((td_errors.len() - 1) as f64 * share) as usize];
-        let ordinary = forward(policy, &probes.ordinary);
-        let doomed = forward(policy, &probes.doomed);
+const fn statistic(
+    name: &'static str,
+    label: &'static str,
+    title: &'static str,
+    meaning: &'static str,
+) -> Statistic {
+    Statistic { name, label, title, meaning, is_logarithmic: false }
+}
+
+/// Every statistic of every agent, the most telling first. Values and errors are in units of the environment's rewards.
+#[rustfmt::skip]
+pub const STATISTICS: &[Statistic] = &[
+    statistic("max_q", "max Q", "Q-value: the return that the network expects in ordinary states", "mean over 128 fixed observations of random play of the largest Q-value"),
+    statistic("overestimation", "overestimation", "Overestimation: expected less obtained return", "mean over the evaluation's episodes of max Q at the start minus the discounted return that the episode gave. An episode cut off by the time limit gives a little less than it is worth"),
+    statistic("action_gap", "action gap", "Action gap: Q-value of the best action less that of the other", "mean over the same observations of the distance of the largest Q-value to the second largest"),
+    statistic("doomed_max_q", "doomed max Q", "Q-value one step before the end (the true value is about 1)", "mean of max Q on 128 observations one step before an episode terminates. In CartPole only one more reward follows, so the true value is about 1"),
+    Statistic { is_logarithmic: true, ..statistic("gradient_norm", "gradient norm", "Norm of the gradient", "norm of the gradient of the loss over 256 transitions spread evenly over the replay memory") },
+    statistic("terminal_share", "terminal share", "Share of terminations in the replay memory", "share of the replay memory's transitions that terminated. A good policy makes them rare, and then the network forgets what ends an episode"),
+    statistic("dead_relu_share", "dead ReLU share", "Share of hidden units that are always 0", "share of hidden units whose output is 0 on all 256 observations of `max_q` and `doomed_max_q`"),
+    statistic("td_error_q10", "", "", "10 % quantile of the absolute TD errors of the transitions of `gradient_norm`"),
+    statistic("td_error_q50", "TD error, median", "", "their median"),
+    statistic("td_error_q90", "", "", "their 90 % quantile"),
+];
+
+/// Numbers with names, in an order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NamedNumbers(pub Vec<(String, f64)>);
+
+impl NamedNumbers {
+    /// The number of this name.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.0.iter().find(|(other, _)| other == name).map(|&(_, number)| number)
+    }
+}
+
+impl Serialize for NamedNumbers {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(name, number)| (name, number)))
+    }
+}
+
+impl<'de> Deserialize<'de> for NamedNumbers {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let members = serde_json::Map::deserialize(deserializer)?;
+        let number = |(name, value): (String, serde_json::Value)| Some((name, value.as_f64()?));
+        Ok(Self(members.into_iter().filter_map(number).collect()))
+    }
+}
+
+/// What a Q-network's statistics are taken from.
+pub(super) struct Inside<'a> {
+    pub(super) network: &'a Mlp<f32>,
+    pub(super) reward_scale: f64,
+    /// Share of the transitions in the replay memory that terminated.
+    pub(super) terminal_share: f64,
+    /// Absolute TD errors of some transitions.
+    pub(super) td_errors: Vec<f64>,
+    /// The loss's gradient over the same transitions.
+    pub(super) gradient: &'a Mlp<f32>,
+}
+
+/// Transitions that gradient and TD errors are taken over, if there are as many.
+pub(super) const TRANSITIONS: usize = 256;
+
+impl Inside<'_> {
+    pub(super) fn statistics(mut self, probes: &Probes, played: &[Played]) -> NamedNumbers {
+        let scale = self.reward_scale;
+        self.td_errors.sort_by(f64::total_cmp);
+        let quantile = |share: f64| self.td_errors[((self.td_errors.len() - 1) as f64 * share) as usize];
+        let ordinary = forward(self.network, &probes.ordinary);
+        let doomed = forward(self.network, &probes.doomed);
         let (max_q, action_gap) = values(&ordinary);
-        let squares = gradient.parameters().iter().map(|&g| f64::from(g) * f64::from(g));
-        Self {
-            terminal_share,
-            max_q: max_q / reward_scale,
-            action_gap: action_gap / reward_scale,
-            doomed_max_q: values(&doomed).0 / reward_scale,
-            gradient_norm: squares.sum::<f64>().sqrt(),
-            td_error_quantiles: [0.1, 0.5, 0.9].map(quantile),
-            dead_relu_share: dead_share(&[ordinary, doomed]),
-        }
+        let squares = self.gradient.parameters().iter().map(|&g| f64::from(g) * f64::from(g));
+        let overestimated = played.iter().map(|episode| episode.expected / scale - episode.discounted);
+        let numbers = [
+            ("overestimation", overestimated.sum::<f64>() / played.len() as f64),
+            ("terminal_share", self.terminal_share),
+            ("max_q", max_q / scale),
+            ("action_gap", action_gap / scale),
+            ("doomed_max_q", values(&doomed).0 / scale),
+            ("gradient_norm", squares.sum::<f64>().sqrt()),
+            ("td_error_q10", quantile(0.1)),
+            ("td_error_q50", quantile(0.5)),
+            ("td_error_q90", quantile(0.9)),
+            ("dead_relu_share", dead_share(&[ordinary, doomed])),
+        ];
+        NamedNumbers(numbers.map(|(name, number)| (name.to_owned(), number)).into())
     }
 }
 

@@ -2,8 +2,7 @@
 
 use super::catalogue::Stage;
 use super::file::Update;
-use super::rounding::Number;
-use super::verdict::agrees;
+use super::rounding::{Number, agrees};
 
 /// How well a factor or an offset must fit, beside the tolerance.
 const FIT: f64 = 1e-5;

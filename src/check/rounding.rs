@@ -7,7 +7,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::nn::{Float, Mlp};
+use crate::nn::{Kernels, Mlp};
 
 /// Standard deviations that count as equal.
 pub(super) const SAFETY: f64 = 16.0;
@@ -172,4 +172,8 @@ fn before_relu(layer: &[f64], dy: &Matrix, before: &Matrix, unit: f64) -> Matrix
 
 pub(super) fn square(x: f64) -> f64 {
     x * x
+}
+
+pub(super) fn agrees(ours: &Number, theirs: f64) -> bool {
+    (ours.value - theirs).abs() <= ours.tolerance()
 }

@@ -8,7 +8,7 @@ use super::catalogue::{CATALOGUE, Mistake, Stage};
 use super::common::in_common;
 use super::file::Update;
 use super::reference::{Clipping, LossOf, Reference, Targets, Variant};
-use super::rounding::Number;
+use super::rounding::{Number, agrees};
 
 /// Most explanations that are followed at once.
 const MAX_EXPLANATIONS: usize = 8;
@@ -375,8 +375,4 @@ impl Judged {
             in_common: Vec::new(),
         }
     }
-}
-
-pub(super) fn agrees(ours: &Number, theirs: f64) -> bool {
-    (ours.value - theirs).abs() <= ours.tolerance()
 }

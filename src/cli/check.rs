@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::{Failure, print, print_json};
+use super::ui::{Failure, print, print_json};
 use crate::check::{EpsilonPlace, Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
 use crate::text::shown;
 

@@ -7,10 +7,10 @@ use std::ffi::OsString;
 use std::fs;
 
 use clap::builder::PossibleValue;
-use clap::{Arg, ArgAction, Args, Command, CommandFactory, ValueHint};
+use clap::{Arg, ArgAction, Args, Command, ValueHint};
 use clap_complete::Shell;
 
-use super::{Failure, print};
+use super::ui::{Failure, print};
 use crate::config;
 
 /// Print a script that lets a shell complete commands, options, config keys and paths.
@@ -25,7 +25,7 @@ pub(super) struct Arguments {
     shell: Shell,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments, mut root: Command) -> Result<(), Failure> {
     let script = match arguments.shell {
         Shell::Bash => include_str!("completions/cartpole-dqn.bash").into(),
         Shell::Zsh => include_str!("completions/cartpole-dqn.zsh").into(),
@@ -33,7 +33,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         // The others complete commands and options, and no values.
         shell => {
             let mut script = Vec::new();
-            clap_complete::generate(shell, &mut super::Arguments::command(), "cartpole-dqn", &mut script);
+            clap_complete::generate(shell, &mut root, "cartpole-dqn", &mut script);
             String::from_utf8_lossy(&script).into_owned()
         }
     };
@@ -50,11 +50,10 @@ pub(super) struct Words {
 
 /// A line for each candidate: the word, a tab, what it means. The line `:files` or `:directories` asks the shell for
 /// paths, because it knows how to quote them.
-pub(super) fn run_words(arguments: &Words) -> Result<(), Failure> {
+pub(super) fn run_words(arguments: &Words, mut root: Command) -> Result<(), Failure> {
     let words: Vec<_> = arguments.words.iter().map(|word| word.to_string_lossy()).collect();
     let words: Vec<&str> = words.iter().map(AsRef::as_ref).collect();
     let Some((word, before)) = words.split_last() else { return Ok(()) };
-    let mut root = super::Arguments::command();
     root.build();
     let lines = candidates(&root, before, word).into_iter();
     // A line is a candidate: nothing else can be told apart.

@@ -3,11 +3,10 @@
 use std::fmt::Write;
 
 use clap::{Args, Subcommand};
-use schemars::schema_for;
 
-use super::train::Layers;
-use super::{Failure, print, print_json};
-use crate::config::{Config, Setting};
+use super::layers::Layers;
+use super::ui::{Failure, print, print_json};
+use crate::config::{Config, Setting, schema};
 
 /// Explain configs: print every key with its meaning, or the JSON Schema.
 #[derive(Debug, Args)]
@@ -44,7 +43,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
             if json { print_json(&config) } else { print(&describe(&config)) }
         }
         Command::Schema => {
-            let schema = serde_json::to_string_pretty(&schema_for!(Config));
+            let schema = serde_json::to_string_pretty(&schema());
             print(&(schema.map_err(|error| Failure::Failed(error.to_string()))? + "\n"))
         }
     }

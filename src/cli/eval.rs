@@ -7,17 +7,15 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::output::Output;
-use super::policy::{Found, Place};
-use super::run_dir::final_evaluation;
-use super::{Failure, print, print_json};
-use crate::agent::{Policy, Random};
-use crate::checkpoint::weights_sha256;
-use crate::env::{CartPole, Environment, TimeLimit};
+use super::policy::{DEFAULT_ENVIRONMENT, Found, Place};
+use super::ui::{Failure, print, print_json};
+use crate::agent::{Actor, Played, Random};
+use crate::env::catalogue::EnvironmentId;
+use crate::env::{EnvironmentError, Outcome, Spec};
 use crate::rng::Rng;
+use crate::run::{SavedPolicy, final_evaluation};
 use crate::text::{shown, visible};
-use crate::trainer::{Evaluation, SavedPolicy, Score, evaluate, play};
-
-type Task = TimeLimit<CartPole>;
+use crate::trainer::{Evaluation, SCORE_SEED, Score, TraceStep, evaluate, play};
 
 /// How every trace begins.
 const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
@@ -36,15 +34,15 @@ pub(super) struct Arguments {
     policy: Option<Baseline>,
     /// Number of episodes
     #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true,
-        value_parser = super::integer::<1, 10_000_000>)]
+        value_parser = super::ui::integer::<1, 10_000_000>)]
     episodes: u64,
     /// Gymnasium seed of the first episode; each later episode has the next seed
-    #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
+    #[arg(long, value_name = "S", default_value_t = SCORE_SEED, value_parser = super::ui::seed,
         allow_negative_numbers = true)]
     seed: u64,
     /// Cut episodes off after N steps; CartPole-v1 does so after 500, and "solved" is judged there
-    #[arg(long, value_name = "N", default_value_t = u64::from(CartPole::MAX_STEPS), allow_negative_numbers = true,
-        value_parser = super::integer::<1, 1_000_000_000>)]
+    #[arg(long, value_name = "N", default_value_t = u64::from(DEFAULT_ENVIRONMENT.spec().max_steps),
+        allow_negative_numbers = true, value_parser = super::ui::integer::<1, 1_000_000_000>)]
     max_steps: u64,
     /// Exit with code 1 if the mean return is below this
     #[arg(long, value_name = "X", value_parser = finite, allow_negative_numbers = true)]
@@ -68,7 +66,7 @@ enum Baseline {
 
 #[derive(Serialize)]
 struct Report<'a> {
-    policy: &'a Played,
+    policy: &'a Origin,
     episodes: u64,
     seed: u64,
     max_steps: u64,
@@ -83,7 +81,7 @@ struct Report<'a> {
 
 /// Which policy was played.
 #[derive(Default, Serialize)]
-struct Played {
+struct Origin {
     /// `best` or `last` of a run, `other` (of another program) or `random`.
     kind: &'static str,
     file: Option<String>,
@@ -106,7 +104,7 @@ struct TraceLine<'a> {
     state: &'a [f64],
     action: usize,
     q_values: Vec<f32>,
-    reward: f32,
+    reward: f64,
     terminated: bool,
     truncated: bool,
 }
@@ -138,31 +136,36 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         ));
     }
     trace.as_ref().map_or(Ok(()), Output::check)?;
-    let (played, returns) = match arguments.policy {
+    let (origin, task, played) = match arguments.policy {
         Some(Baseline::Random) => {
-            let mut policy = Random::new(Task::NUM_ACTIONS, Rng::from_seed(arguments.seed));
-            let played = Played { kind: "random", ..Played::default() };
-            (played, play_all(&mut policy, &arguments, trace.as_ref())?)
+            let task = Task::new(DEFAULT_ENVIRONMENT, &arguments);
+            let mut policy = Random::new(task.spec.num_actions, Rng::from_seed(arguments.seed));
+            let origin = Origin { kind: "random", ..Origin::default() };
+            let played = play_all(&mut policy, &task, &arguments, trace.as_ref())?;
+            (origin, task, played)
         }
         None => {
             let found = arguments.place.find(arguments.json || arguments.quiet)?;
             let policy = found.policy()?;
-            let returns = match &trace {
-                None => {
-                    Some(evaluate(&policy.network, &arguments.task(), arguments.seed, arguments.episodes))
-                }
-                Some(_) => play_all(&mut policy.greedy(1), &arguments, trace.as_ref())?,
+            let task = Task::new(found.environment(), &arguments);
+            let played = match &trace {
+                None => Some(task.evaluate(&policy, &arguments)?),
+                Some(_) => play_all(&mut policy.greedy(1), &task, &arguments, trace.as_ref())?,
             };
-            (Played::new(&found, &policy), returns)
+            (Origin::new(&found, &policy), task, played)
         }
     };
     // Who read the trace wants no more of it, and no score either.
-    let Some(returns) = returns else { return Ok(()) };
+    let Some(played) = played else { return Ok(()) };
+    // Without a discount that is the return of the whole episode.
+    let returns: Vec<f64> = played.iter().map(|episode| episode.discounted).collect();
     let score = Score::new(&returns);
+    let scored: Vec<f64> = played.iter().map(|episode| episode.total).collect();
+    let solved = scored.len() >= 100 && task.spec.is_solved_by(Score::new(&scored).mean);
     if arguments.json {
-        print_json(&report(&played, &score, &returns, &arguments))?;
+        print_json(&report(&origin, &score, &returns, solved, &arguments))?;
     } else if !arguments.quiet {
-        let text = played.describe() + &describe(&score, &returns, &arguments);
+        let text = origin.describe() + &describe(&score, &played, solved, &task.spec, &arguments);
         if trace_to_stdout {
             // A closed stderr leaves nobody to tell.
             let _ = io::stderr().write_all(text.as_bytes());
@@ -178,18 +181,18 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     }
 }
 
-impl Played {
+impl Origin {
     fn new(found: &Found, policy: &SavedPolicy) -> Self {
         let played = Self {
             kind: "other",
             file: Some(found.file.to_string_lossy().into_owned()),
-            weights_sha256: Some(weights_sha256(&policy.network)),
+            weights_sha256: Some(policy.policy.sha256()),
             ..Self::default()
         };
         let Some(header) = &policy.header else { return played };
         let end = final_evaluation(&found.place).filter(|(end, _)| end.env_steps != header.env_steps);
         Self {
-            kind: if header.state.is_some() { "last" } else { "best" },
+            kind: if header.progress.is_some() { "last" } else { "best" },
             env_steps: Some(header.env_steps),
             evaluation: header.evaluation,
             end,
@@ -227,107 +230,131 @@ impl Played {
     }
 }
 
+/// What is played: an environment under the time limit of --max-steps.
+struct Task {
+    environment: EnvironmentId,
+    spec: Spec,
+    max_steps: u32,
+}
+
+impl Task {
+    fn new(environment: EnvironmentId, arguments: &Arguments) -> Self {
+        // The largest limit that the option takes is far below.
+        let max_steps = u32::try_from(arguments.max_steps).unwrap_or(u32::MAX);
+        Self { environment, spec: environment.spec(), max_steps }
+    }
+
+    fn evaluate(&self, policy: &SavedPolicy, arguments: &Arguments) -> Result<Vec<Played>, Failure> {
+        let environment = self.environment;
+        let make = move |max_steps| environment.make(max_steps);
+        let Arguments { seed, episodes, .. } = *arguments;
+        Ok(evaluate(&policy.policy, &make, self.max_steps, seed, episodes, 1.0)?)
+    }
+}
+
+/// Why an episode ended early.
+#[derive(Debug, thiserror::Error)]
+enum PlayError {
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    #[error(transparent)]
+    Trace(#[from] io::Error),
+}
+
 /// Plays one episode after another, and writes the trace if one is asked for; none if nobody reads it any longer.
 fn play_all(
-    policy: &mut impl Policy,
+    actor: &mut impl Actor,
+    task: &Task,
     arguments: &Arguments,
     trace: Option<&Output<'_>>,
-) -> Result<Option<Vec<f64>>, Failure> {
-    let mut returns = Vec::new();
+) -> Result<Option<Vec<Played>>, Failure> {
+    let mut played = Vec::new();
+    let mut failed = None;
     let mut play = |file: &mut dyn Write| -> io::Result<()> {
         for episode in 0..arguments.episodes {
-            returns.push(trace_episode(policy, arguments, episode, file)?);
+            match trace_episode(actor, task, arguments, episode, file) {
+                Ok(episode) => played.push(episode),
+                Err(PlayError::Trace(error)) => return Err(error),
+                Err(PlayError::Environment(error)) => {
+                    failed = Some(error.clone());
+                    return Err(io::Error::other(error));
+                }
+            }
         }
         Ok(())
     };
     let is_read = match trace {
-        None => play(&mut io::sink()).map(|()| true).map_err(|error| Failure::Failed(error.to_string()))?,
-        Some(trace) => trace.write(play)?,
+        None => play(&mut io::sink()).map(|()| true).map_err(|error| Failure::Failed(error.to_string())),
+        Some(trace) => trace.write(play),
     };
-    Ok(is_read.then_some(returns))
+    match failed {
+        Some(error) => Err(error.into()),
+        None => Ok(is_read?.then_some(played)),
+    }
 }
 
 fn trace_episode(
-    policy: &mut impl Policy,
+    actor: &mut impl Actor,
+    task: &Task,
     arguments: &Arguments,
     episode: u64,
     file: &mut dyn Write,
-) -> io::Result<f64> {
+) -> Result<Played, PlayError> {
     let seed = arguments.seed + episode;
-    play(policy, arguments.task(), seed, |traced| {
-        let line = TraceLine {
-            episode,
-            seed,
-            step: traced.step,
-            state: traced.state,
-            action: traced.action,
-            q_values: traced.q_values,
-            reward: traced.outcome.reward,
-            terminated: traced.outcome.terminated,
-            truncated: traced.outcome.truncated,
-        };
-        serde_json::to_writer(&mut *file, &line)?;
-        file.write_all(b"\n")
-    })
+    let mut environment = task.environment.make(task.max_steps)?;
+    let mut played = Played::default();
+    played.discounted = play(actor, &mut *environment, seed, |traced| {
+        let Outcome { reward, terminated, truncated } = traced.outcome;
+        if traced.step < u64::from(task.spec.max_steps) {
+            played.total += reward;
+        }
+        (played.steps, played.terminated) = (traced.step + 1, terminated);
+        let TraceStep { step, state, action, q_values, .. } = traced;
+        let line = TraceLine { episode, seed, step, state, action, q_values, reward, terminated, truncated };
+        serde_json::to_writer(&mut *file, &line).map_err(io::Error::from)?;
+        file.write_all(b"\n").map_err(PlayError::from)
+    })?;
+    Ok(played)
 }
 
-impl Arguments {
-    fn task(&self) -> Task {
-        // The largest limit that the option takes is far below.
-        CartPole::limited(u32::try_from(self.max_steps).unwrap_or(u32::MAX))
-    }
-}
-
-/// Whether the returns solve CartPole-v1, which cuts episodes off after 500 steps: every step is worth 1.
-fn solves(returns: &[f64]) -> bool {
-    let cut_off: Vec<f64> = returns.iter().map(|value| value.min(Task::MAX_RETURN)).collect();
-    Score::new(&cut_off).solves(Task::SOLVED_RETURN)
-}
-
-fn report<'a>(policy: &'a Played, score: &Score, returns: &'a [f64], arguments: &Arguments) -> Report<'a> {
+fn report<'a>(
+    policy: &'a Origin,
+    score: &Score,
+    returns: &'a [f64],
+    solved: bool,
+    arguments: &Arguments,
+) -> Report<'a> {
     let Arguments { seed, max_steps, .. } = *arguments;
     let Score { episodes, mean, std, min, median, max } = *score;
-    Report {
-        policy,
-        episodes,
-        seed,
-        max_steps,
-        mean,
-        std,
-        min,
-        median,
-        max,
-        solved: solves(returns),
-        returns,
-    }
+    Report { policy, episodes, seed, max_steps, mean, std, min, median, max, solved, returns }
 }
 
-fn describe(score: &Score, returns: &[f64], arguments: &Arguments) -> String {
+fn describe(score: &Score, played: &[Played], solved: bool, task: &Spec, arguments: &Arguments) -> String {
     let Score { episodes, mean, std, min, median, max } = score;
     let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
-    let limit = arguments.max_steps as f64;
-    let full = returns.iter().filter(|&&value| value >= limit).count() as f64 * 100.0 / *episodes as f64;
-    let solved = match (solves(returns), *episodes >= 100 && limit >= Task::MAX_RETURN) {
+    let Arguments { seed, max_steps, .. } = *arguments;
+    let full = played.iter().filter(|episode| episode.steps >= max_steps).count();
+    let full = full as f64 * 100.0 / *episodes as f64;
+    let own_limit = u64::from(task.max_steps);
+    let solved = match (solved, *episodes >= 100 && max_steps >= own_limit) {
         (true, _) => "yes",
         (false, true) => "no",
         (false, false) => "open",
     };
-    let judged = match limit == Task::MAX_RETURN {
-        true => "",
-        false => "\n               episodes count up to step 500, where CartPole-v1 ends",
+    let judged = match max_steps == own_limit {
+        true => String::new(),
+        false => format!("\n               episodes count up to step {own_limit}, where {} ends", task.id),
     };
     format!(
         "\
 mean return    {mean:.2}{interval}
 std            {std:.2}
 min/median/max {min} / {median} / {max}
-at {:<11} {full:.0} % of episodes
-episodes       {episodes}, Gymnasium's seeds {} to {}
-solved         {solved} (a mean ≥ {} over at least 100 episodes){judged}
+at {max_steps:<11} {full:.0} % of episodes
+episodes       {episodes}, Gymnasium's seeds {seed} to {}
+solved         {solved} (a mean {} over at least 100 episodes){judged}
 ",
-        limit,
-        arguments.seed,
-        arguments.seed + (episodes - 1),
-        Task::SOLVED_RETURN,
+        seed + (episodes - 1),
+        task.goal(),
     )
 }

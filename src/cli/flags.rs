@@ -2,7 +2,7 @@
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 
-use super::{program, shell_word};
+use super::ui::{program, shell_word};
 use crate::config;
 
 /// What replaces a value that the user has not given.

@@ -4,15 +4,14 @@ use std::fmt::Write;
 use std::path::Path;
 
 use clap::Args;
+use serde_json::json;
 
 use super::policy::{Found, Place};
-use super::run_dir::final_evaluation;
-use super::{Failure, print};
-use crate::checkpoint::{Checkpoint, CheckpointError, Problem, weights_sha256};
-use crate::env::{CartPole, Environment, TimeLimit};
-use crate::nn::Mlp;
+use super::ui::{Failure, print};
+use crate::agent::Policy;
+use crate::env::Spec;
+use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, final_evaluation};
 use crate::text::{shown, visible};
-use crate::trainer::Header;
 
 /// Print what is in a checkpoint: of which step it is, how it was evaluated, its policy and the hash of its weights.
 #[derive(Debug, Args)]
@@ -27,7 +26,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
-    let mut text = describe(&found.checkpoint, arguments.all)
+    let mut text = describe(&found.checkpoint, &found.spec(), arguments.all)
         .map_err(|problem| CheckpointError { path: found.file.clone(), problem })?;
     if let Some(last) = not_shown(&found) {
         // Writing to a string cannot fail.
@@ -43,10 +42,9 @@ fn not_shown(found: &Found) -> Option<std::path::PathBuf> {
     is_other(&last).then_some(last)
 }
 
-fn describe(checkpoint: &Checkpoint, all: bool) -> Result<String, Problem> {
-    type Task = TimeLimit<CartPole>;
+fn describe(checkpoint: &Checkpoint, task: &Spec, all: bool) -> Result<String, CheckpointProblem> {
     let header = match checkpoint.header::<Header>() {
-        Err(Problem::NoHeader) => None,
+        Err(CheckpointProblem::NoHeader) => None,
         header => Some(header?),
     };
     let mut text = String::new();
@@ -55,30 +53,33 @@ fn describe(checkpoint: &Checkpoint, all: bool) -> Result<String, Problem> {
         None => writeln!(text, "format      written by another program"),
         Some(header) => describe_header(&mut text, header, checkpoint.version()?),
     };
-    let _ = match checkpoint.policy(Task::OBSERVATION_SIZE, Task::NUM_ACTIONS) {
+    let _ = match checkpoint.policy(task) {
         Ok(policy) => describe_policy(&mut text, checkpoint, &policy),
         Err(problem) => {
             writeln!(text, "policy      none that eval can play: {}", visible(&problem.to_string()))
         }
     };
     if !all {
-        let count = checkpoint.tensors().count();
+        let count = checkpoint.tensors.iter().count();
         let config = if header.is_some() { " and the run's config" } else { "" };
         let _ = writeln!(text, "tensors     {count}; --all prints them{config}");
         return Ok(text);
     }
-    for (name, dtype, shape) in checkpoint.tensors() {
+    for (name, dtype, shape) in checkpoint.tensors.iter() {
         let _ = writeln!(text, "tensor      {} {dtype:?} {shape:?}", visible(name));
     }
     if let Some(header) = &header {
-        let config = serde_json::to_string_pretty(&header.config).unwrap_or_default();
+        let mut config = json!(header.config);
+        // A checkpoint does not say it.
+        config.as_object_mut().map(|keys| keys.shift_remove("budget"));
+        let config = serde_json::to_string_pretty(&config).unwrap_or_default();
         let _ = writeln!(text, "config      {}", config.replace('\n', "\n            "));
     }
     Ok(text)
 }
 
 fn describe_header(text: &mut String, header: &Header, version: Option<u32>) -> std::fmt::Result {
-    let what = match header.state {
+    let what = match header.progress {
         Some(_) => "policy and state of the run, its last",
         None => "policy of the run, its best",
     };
@@ -92,14 +93,14 @@ fn describe_header(text: &mut String, header: &Header, version: Option<u32>) -> 
     }
 }
 
-fn describe_policy(text: &mut String, checkpoint: &Checkpoint, policy: &Mlp<f32>) -> std::fmt::Result {
-    writeln!(text, "policy      layers {:?}", policy.sizes())?;
+fn describe_policy(text: &mut String, checkpoint: &Checkpoint, policy: &Policy) -> std::fmt::Result {
+    writeln!(text, "policy      layers {:?}", policy.network().sizes())?;
     writeln!(text, "weights     sha256 of the policy, which eval plays:")?;
-    writeln!(text, "            {}", weights_sha256(policy))?;
-    let mut online = Mlp::zeros(policy.sizes().to_vec());
-    if checkpoint.get_network("online.", &mut online).is_ok() {
+    writeln!(text, "            {}", policy.sha256())?;
+    let mut online = policy.clone();
+    if online.load("online.", &checkpoint.tensors).is_ok() {
         writeln!(text, "            sha256 of the online network, which train prints (weights_sha256):")?;
-        writeln!(text, "            {}", weights_sha256(&online))?;
+        writeln!(text, "            {}", online.sha256())?;
     }
     Ok(())
 }

@@ -5,35 +5,30 @@ mod completions;
 mod config;
 mod eval;
 mod explain;
+mod find;
 mod flags;
-mod init;
 mod inspect;
+mod layers;
 mod output;
 mod policy;
 mod render;
 mod report;
-mod resume;
-mod run_dir;
 mod runs;
 mod signals;
 mod study;
 mod train;
+mod ui;
 mod verify;
 mod watch;
 
-use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::checkpoint::{CheckpointError, Problem};
-use crate::config::ConfigError;
 use crate::nn::kernels;
-use crate::text::steers;
-use crate::trainer::TrainError;
-use crate::view::NoView;
+use ui::{Failure, escaped, say};
 
 /// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
 ///
@@ -65,80 +60,11 @@ enum Command {
     CompleteWords(completions::Words),
 }
 
-/// Why a command ended without success.
-#[derive(Debug)]
-enum Failure {
-    /// Something the user gave cannot be used: exit code 2.
-    BadInput(String),
-    /// It was tried and failed: exit code 1.
-    Failed(String),
-    /// A signal stopped it: that signal's exit code.
-    Interrupted(String, u8),
-}
-
-impl Failure {
-    /// A file that cannot be written. The same cause has the same exit code in every command: a place that can never be
-    /// written is bad input, a disk that fails or is full is a failure.
-    fn unwritten(message: String, error: &io::Error) -> Self {
-        use io::ErrorKind as Kind;
-        match error.kind() {
-            Kind::PermissionDenied
-            | Kind::ReadOnlyFilesystem
-            | Kind::NotFound
-            | Kind::NotADirectory
-            | Kind::IsADirectory
-            | Kind::AlreadyExists
-            | Kind::InvalidFilename
-            | Kind::InvalidInput => Self::BadInput(message),
-            _ => Self::Failed(message),
-        }
-    }
-}
-
-impl From<ConfigError> for Failure {
-    fn from(error: ConfigError) -> Self {
-        let hint = match error {
-            ConfigError::Read { .. } | ConfigError::Json { .. } => {
-                "; --config takes a JSON file such as configs/cartpole.json"
-            }
-            _ => "",
-        };
-        Self::BadInput(on_one_line(&error) + hint)
-    }
-}
-
-impl From<CheckpointError> for Failure {
-    fn from(error: CheckpointError) -> Self {
-        let hint = match error.problem {
-            Problem::Unreadable(_) | Problem::NotSafetensors(_) => {
-                "; give a .safetensors file or the directory of a run"
-            }
-            _ => "",
-        };
-        Self::BadInput(on_one_line(&error) + hint)
-    }
-}
-
-impl From<TrainError> for Failure {
-    fn from(error: TrainError) -> Self {
-        Self::Failed(error.to_string())
-    }
-}
-
-impl From<NoView> for Failure {
-    fn from(error: NoView) -> Self {
-        match error {
-            NoView::Terminal(_) => Self::Failed(error.to_string()),
-            NoView::NoTerminal | NoView::Dumb | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
-        }
-    }
-}
-
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
     let result = match Arguments::try_parse() {
         Ok(arguments) => execute(arguments.command),
-        Err(error) => match explain(&error) {
+        Err(error) => match what_is_wrong(&error) {
             Some(message) => Err(Failure::BadInput(message)),
             None => return print_usage(with_tip(error)),
         },
@@ -154,7 +80,7 @@ pub fn run() -> ExitCode {
 }
 
 fn execute(command: Command) -> Result<(), Failure> {
-    kernels::Path::from_environment().map_err(|error| Failure::BadInput(error.to_string()))?;
+    kernels::InstructionSet::from_environment().map_err(|error| Failure::BadInput(error.to_string()))?;
     signals::watch()?;
     match command {
         Command::Train(arguments) => train::run(arguments),
@@ -169,13 +95,13 @@ fn execute(command: Command) -> Result<(), Failure> {
         Command::Check(arguments) => check::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
-        Command::Completions(arguments) => completions::run(&arguments),
-        Command::CompleteWords(arguments) => completions::run_words(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments, Arguments::command()),
+        Command::CompleteWords(arguments) => completions::run_words(&arguments, Arguments::command()),
     }
 }
 
 /// What is wrong with the command line, where this program knows more about it than clap.
-fn explain(error: &clap::Error) -> Option<String> {
+fn what_is_wrong(error: &clap::Error) -> Option<String> {
     let not_utf8 = || std::env::args_os().find(|argument| argument.to_str().is_none());
     if error.kind() == ErrorKind::InvalidUtf8
         && let Some(argument) = not_utf8()
@@ -228,75 +154,4 @@ fn print_usage(mut error: clap::Error) -> ExitCode {
         let _ = error.print();
     }
     u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
-}
-
-/// A text with its control characters, line breaks and tabs apart, written as in JSON: what stands in the name of somebody's
-/// file must not move the cursor or change the terminal.
-fn escaped(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '\n' | '\t' => escaped.push(character),
-            // All of them are below U+10000.
-            control if steers(control) => escaped += &format!("\\u{:04x}", u32::from(control)),
-            character => escaped.push(character),
-        }
-    }
-    escaped
-}
-
-/// This program, as it was called.
-fn program() -> String {
-    let program = std::env::args_os().next().unwrap_or_else(|| "cartpole-dqn".into());
-    shell_word(&program.to_string_lossy())
-}
-
-/// A word as it can be typed into a shell.
-fn shell_word(word: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "/\\:._-+=,".contains(c);
-    let is_word = !word.is_empty() && word.chars().all(is_plain);
-    if is_word { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
-}
-
-/// Parses an integer from `LOW` to `HIGH`.
-fn integer<const LOW: u64, const HIGH: u64>(text: &str) -> Result<u64, String> {
-    let number = text.parse().ok().filter(|number| (LOW..=HIGH).contains(number));
-    number.ok_or_else(|| format!("expected an integer from {LOW} to {HIGH}, in digits alone"))
-}
-
-/// Parses a seed.
-fn seed(text: &str) -> Result<u64, String> {
-    integer::<0, { u64::MAX }>(text)
-}
-
-/// A message about one file, in whose name a line break must not begin a line.
-fn on_one_line(error: &impl std::fmt::Display) -> String {
-    error.to_string().replace('\n', "\\n")
-}
-
-/// Says on stderr what the user should know though nothing has failed.
-fn note(text: &str) {
-    say(&format!("note: {text}"));
-}
-
-/// Prints a line to stderr; a closed stderr leaves nobody to tell.
-fn say(text: &str) {
-    let _ = writeln!(io::stderr(), "{}", escaped(text));
-}
-
-/// Prints to stdout. A reader that has gone away (`| head`) is no failure. JSON stays JSON: see [`escaped`].
-fn print(text: &str) -> Result<(), Failure> {
-    let mut stdout = io::stdout().lock();
-    match stdout.write_all(escaped(text).as_bytes()).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            Err(Failure::Failed(format!("cannot write to standard output: {error}")))
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Prints one JSON value alone on stdout.
-fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
-    let text = serde_json::to_string(value).map_err(|error| Failure::Failed(error.to_string()))?;
-    print(&(text + "\n"))
 }

@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
 use std::path::Path;
 
-use super::Failure;
 use super::policy::STANDARD;
+use super::ui::Failure;
 use crate::files::{open_ordinary, write_whole};
 use crate::text::shown;
 

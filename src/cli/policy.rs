@@ -5,20 +5,19 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::run_dir::checkpoint_of;
-use super::runs;
-use super::{Failure, note};
-use crate::checkpoint::{Checkpoint, CheckpointError, Problem};
-use crate::env::{CartPole, TimeLimit};
+use super::find::{RUNS, newest_with_policy};
+use super::ui::{Failure, note};
+use crate::env::catalogue::EnvironmentId;
+use crate::env::{Environment, Spec};
 use crate::files::read_text_limited;
+use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, SavedPolicy, checkpoint_of};
 use crate::study::Trial;
 use crate::text::shown;
-use crate::trainer::SavedPolicy;
 
 /// Standard input or output, where a file can be given.
 pub(super) const STANDARD: &str = "-";
-/// Where `train` puts its runs.
-pub(super) const RUNS: &str = "runs";
+/// The environment where nothing says another one.
+pub(super) const DEFAULT_ENVIRONMENT: EnvironmentId = EnvironmentId::CartPoleV1;
 /// Largest file that could be a study's trial, in bytes.
 const MAX_TRIAL: u64 = 1 << 26;
 
@@ -52,7 +51,7 @@ impl Place {
             Some(place) if place == Path::new(STANDARD) => return read_standard_input(),
             Some(place) => place.clone(),
             None => {
-                let run = runs::newest_with_policy(Path::new(RUNS))?;
+                let run = newest_with_policy(Path::new(RUNS))?;
                 if !quiet {
                     note(&format!("no path is given, so this is the newest run: {}", shown(&run)));
                 }
@@ -73,8 +72,23 @@ impl Place {
 }
 
 impl Found {
+    /// The environment that the policy was trained in; for a policy of another program the default.
+    pub(super) fn environment(&self) -> EnvironmentId {
+        self.checkpoint.header().map_or(DEFAULT_ENVIRONMENT, |header: Header| header.config.environment)
+    }
+
+    /// What is known of that environment.
+    pub(super) fn spec(&self) -> Spec {
+        self.environment().spec()
+    }
+
+    /// That environment under its own time limit.
+    pub(super) fn make_environment(&self) -> Result<Box<dyn Environment>, Failure> {
+        Ok(self.environment().make(self.spec().max_steps)?)
+    }
+
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
-        let policy = SavedPolicy::of::<TimeLimit<CartPole>>(&self.checkpoint);
+        let policy = SavedPolicy::of(&self.checkpoint, &self.spec());
         policy.map_err(|problem| CheckpointError { path: self.file.clone(), problem }.into())
     }
 }
@@ -95,5 +109,5 @@ fn read_standard_input() -> Result<Found, Failure> {
 
 fn is_trial(error: &CheckpointError) -> bool {
     let trial = || serde_json::from_str::<Trial>(&read_text_limited(&error.path, MAX_TRIAL).ok()?).ok();
-    matches!(error.problem, Problem::NotSafetensors(_)) && trial().is_some()
+    matches!(error.problem, CheckpointProblem::NotSafetensors(_)) && trial().is_some()
 }

@@ -7,12 +7,11 @@ use clap::{Args, ValueEnum};
 
 use super::output::Output;
 use super::policy::{Place, STANDARD};
-use super::{Failure, note, print};
-use crate::agent::Greedy;
-use crate::env::CartPole;
-use crate::render::{is_gif, is_svg, svg, write_gif};
+use super::ui::{Failure, note, print};
+use crate::draw::{is_gif, is_svg, svg, write_gif};
+use crate::env::scene::Scene;
 use crate::text::shown;
-use crate::trainer::play;
+use crate::trainer::{Frame, SCORE_SEED, record};
 
 /// Draw an episode of a trained policy as an animated picture.
 ///
@@ -30,12 +29,12 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FORMAT")]
     format: Option<Format>,
     /// Gymnasium seed of the episode
-    #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
+    #[arg(long, value_name = "S", default_value_t = SCORE_SEED, value_parser = super::ui::seed,
         allow_negative_numbers = true)]
     seed: u64,
     /// Draw only the first N steps of the episode
     #[arg(long, value_name = "N", default_value_t = 500, allow_negative_numbers = true,
-        value_parser = super::integer::<1, 500>)]
+        value_parser = super::ui::integer::<1, 500>)]
     steps: u64,
     /// Print nothing
     #[arg(long)]
@@ -60,13 +59,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::BadInput("a terminal cannot show a GIF; give a file: -o episode.gif".into()));
     }
     output.check()?;
-    let policy = place.find(*quiet)?.policy()?;
-    let states = states(policy.greedy(1), *seed, *steps);
+    let found = place.find(*quiet)?;
+    let policy = found.policy()?;
+    let mut environment = found.make_environment()?;
+    let frames = record(&mut policy.greedy(1), &mut *environment, *seed)?;
+    let task = environment.spec();
+    let scenes = scenes(frames.into_iter().take(*steps as usize + 1), &task.id)?;
+    let drawn = scenes.len() - 1;
     let is_read = output.write(|file| match format {
-        Format::Gif => write_gif(file, &states),
-        Format::Svg => file.write_all(svg(&states).as_bytes()),
+        Format::Gif => write_gif(file, &scenes, task.steps_per_second),
+        Format::Svg => {
+            let title = format!("{}, {drawn} steps", task.id);
+            file.write_all(svg(&scenes, task.steps_per_second, &title).as_bytes())
+        }
     })?;
-    let said = format!("{}: {} steps from Gymnasium's seed {seed}", shown(path), states.len() - 1);
+    let said = format!("{}: {drawn} steps from Gymnasium's seed {seed}", shown(path));
     match (quiet, output.is_standard()) {
         (true, _) => {}
         (false, true) if is_read => note(&said),
@@ -91,16 +98,10 @@ fn format(arguments: &Arguments) -> Result<Format, Failure> {
     }
 }
 
-/// The states of an episode: the first, and what the policy sees after each of at most `steps` steps.
-fn states(mut policy: Greedy, seed: u64, steps: u64) -> Vec<[f64; 4]> {
-    let mut states = Vec::new();
-    // The error is only how the episode is left.
-    let _ = play(&mut policy, CartPole::v1(), seed, |traced| {
-        if traced.step == 0 {
-            states.extend(<[f64; 4]>::try_from(traced.state));
-        }
-        states.push(traced.outcome.observation.map(f64::from));
-        if traced.step + 1 == steps { Err(()) } else { Ok(()) }
-    });
-    states
+/// The scenes of an episode.
+fn scenes(frames: impl Iterator<Item = Frame>, id: &str) -> Result<Vec<Scene>, Failure> {
+    let scenes: Option<Vec<_>> = frames.map(|frame| frame.scene).collect();
+    scenes.ok_or_else(|| {
+        Failure::BadInput(format!("the environment {id} has no picture; `eval --trace` writes its states"))
+    })
 }

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::output::Output;
-use super::run_dir::cannot_write;
-use super::{Failure, print, print_json};
+use super::ui::{Failure, cannot_write, print, print_json};
 use crate::files::{write_json, write_whole};
-use crate::report::{self, REPORT, Report, ReportError};
+use crate::report::{self, Report, ReportError};
+use crate::run::names::REPORT;
 use crate::text::{shown, wrapped};
 
 /// Summarise a study or a run: what happened, and how good the result is.

@@ -1,24 +1,21 @@
-//! `cartpole-dqn runs`, and finding runs below a directory.
+//! `cartpole-dqn runs`
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{File, TryLockError};
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
 use clap::Args;
-use ratatui::text::Span;
 use serde::{Deserialize, Serialize};
 
-use super::policy::RUNS;
-use super::run_dir::{RunDir, checkpoint_of};
-use super::{Failure, note, print, print_json, program};
+use super::find::{RUNS, find};
+use super::ui::{Failure, note, print, print_json};
 use crate::config::Config;
 use crate::files::open_ordinary;
-use crate::text::{shown, visible};
-use crate::trainer::{BEST, Evaluation, LAST, PREVIOUS};
+use crate::run::RunDir;
+use crate::run::names::{LAST, PREVIOUS};
+use crate::text::{shortened, shown, visible, width};
+use crate::trainer::Evaluation;
 
-/// How many levels of directories are searched.
-const DEPTH: usize = 5;
 /// Longest line of a metrics file, in bytes; a line of `train` has a few hundred.
 const MAX_LINE: u64 = 1 << 16;
 /// Columns of the table.
@@ -48,13 +45,6 @@ pub(super) struct Arguments {
     /// Print the list as JSON, and nothing else, on standard output
     #[arg(long)]
     json: bool,
-}
-
-/// What there is below a directory.
-#[derive(Default)]
-struct Found {
-    runs: Vec<PathBuf>,
-    unreadable: Vec<(PathBuf, io::Error)>,
 }
 
 #[derive(Serialize)]
@@ -152,78 +142,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The newest run that has a policy.
-pub(super) fn newest_with_policy(directory: &Path) -> Result<PathBuf, Failure> {
-    let none = |what: &str| {
-        Failure::BadInput(format!(
-            "no path is given, and {what}; train a policy with: cartpole-dqn train, or give the path of one, such as \
-             runs/my-run"
-        ))
-    };
-    if !directory.exists() {
-        return Err(none(&format!("there is no directory {} here", directory.display())));
-    }
-    let runs = find(directory)?.runs;
-    let newest = runs.into_iter().find(|run| checkpoint_of(run).is_ok());
-    newest.ok_or_else(|| none(&format!("no run below {} has a policy", directory.display())))
-}
-
-/// The runs below a directory, the newest first; of equally new ones first the one whose name is last.
-fn find(directory: &Path) -> Result<Found, Failure> {
-    if !directory.is_dir() {
-        let problem = if directory.exists() { "is not a directory" } else { "does not exist" };
-        return Err(Failure::BadInput(format!(
-            "{} {problem}; give a directory with runs in it, or train the first one, which makes {RUNS}: {} train",
-            shown(directory),
-            program()
-        )));
-    }
-    let mut found = Found::default();
-    search(directory, DEPTH, &mut found);
-    if let [(path, error)] = &found.unreadable[..]
-        && path == directory
-    {
-        return Err(Failure::BadInput(format!("{} cannot be read: {error}", shown(directory))));
-    }
-    found.runs.sort_by_cached_key(|run| std::cmp::Reverse((written_at(run), run.clone())));
-    Ok(found)
-}
-
-/// A run is a directory with at least two of the entries that `train` makes. What is in a run is not searched.
-fn search(directory: &Path, depth: usize, found: &mut Found) {
-    let mut inner = Vec::new();
-    let mut parts = 0;
-    let entries = fs::read_dir(directory).and_then(|entries| {
-        for entry in entries {
-            let entry = entry?;
-            let is_part = RunDir::PARTS.iter().any(|part| entry.file_name() == *part);
-            parts += usize::from(is_part);
-            // The type of a link is not that of what it leads to.
-            if !is_part && entry.file_type()?.is_dir() {
-                inner.push(entry.path());
-            }
-        }
-        Ok(())
-    });
-    if parts >= 2 {
-        found.runs.push(directory.into());
-        return;
-    }
-    if let Err(error) = entries {
-        found.unreadable.push((directory.into(), error));
-    }
-    if depth > 1 {
-        inner.iter().for_each(|inner| search(inner, depth - 1, found));
-    }
-}
-
-/// When the run last wrote one of its own files; a report in the same directory is none of them.
-fn written_at(run: &Path) -> Option<SystemTime> {
-    let [config, metrics, summary, checkpoints] = RunDir::PARTS.map(|part| run.join(part));
-    let files = [config, metrics, summary, checkpoints.join(BEST), checkpoints.join(LAST)];
-    files.iter().filter_map(|file| file.symlink_metadata().ok()?.modified().ok()).max()
-}
-
 impl Run {
     fn read(path: &Path, named: &[(&'static str, Config)]) -> Self {
         let mut run = Self {
@@ -236,8 +154,8 @@ impl Run {
         };
         let (directory, config) = match RunDir::open(path) {
             Ok(opened) => opened,
-            Err(Failure::BadInput(problem) | Failure::Failed(problem) | Failure::Interrupted(problem, _)) => {
-                run.problem = Some(problem);
+            Err(error) => {
+                run.problem = Some(error.to_string());
                 return run;
             }
         };
@@ -366,14 +284,14 @@ impl List {
         for cell in rows.iter_mut().flat_map(|row| &mut row[1..]) {
             *cell = shortened(cell, MAX_CELL);
         }
-        let width = |column: usize| rows.iter().map(|row| Span::raw(&row[column]).width()).max().unwrap_or(0);
-        let mut widths = [0, 1, 2, 3, 4, 5, 6].map(width);
+        let widest = |column: usize| rows.iter().map(|row| width(&row[column])).max().unwrap_or(0);
+        let mut widths = [0, 1, 2, 3, 4, 5, 6].map(widest);
         let others = widths[1..].iter().map(|width| width + 2).sum::<usize>();
         widths[0] = widths[0].min(WIDTH - others);
         let mut text = String::new();
         for row in &rows {
             let name = shortened(&row[0], widths[0]);
-            let padding = " ".repeat(widths[0] - Span::raw(&name).width());
+            let padding = " ".repeat(widths[0] - width(&name));
             let cells: [String; 6] = [1, 2, 3, 4, 5, 6].map(|column| {
                 let (cell, width) = (&row[column], widths[column]);
                 if [1, 6].contains(&column) {
@@ -387,23 +305,4 @@ impl List {
         }
         text
     }
-}
-
-/// Text in at most so many columns: its start and its end, with … between them if it is longer.
-fn shortened(text: &str, columns: usize) -> String {
-    if Span::raw(text).width() <= columns {
-        return text.to_owned();
-    }
-    // The first characters that fit.
-    let fitting = |characters: &mut dyn Iterator<Item = char>, columns: usize| -> Vec<char> {
-        let widths = characters.scan(0, |sum, c| {
-            *sum += Span::raw(c.to_string()).width();
-            Some((*sum, c))
-        });
-        widths.take_while(|(sum, _)| *sum <= columns).map(|(_, c)| c).collect()
-    };
-    let most = columns.saturating_sub(1);
-    let start = fitting(&mut text.chars(), most.div_ceil(2));
-    let end = fitting(&mut text.chars().rev(), most / 2);
-    start.into_iter().chain(['…']).chain(end.into_iter().rev()).collect()
 }

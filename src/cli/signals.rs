@@ -11,7 +11,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator;
 use signal_hook::low_level::exit;
 
-use super::Failure;
+use super::ui::Failure;
 use crate::files::remove_own_unfinished;
 use crate::view::Interrupts;
 

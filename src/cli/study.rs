@@ -12,11 +12,11 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
-use super::run_dir::{cannot_write, check_out};
+use super::layers::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
 use super::signals::Signals;
-use super::train::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
-use super::{Failure, print, shell_word};
+use super::ui::{Failure, cannot_write, check_out, print, shell_word};
 use crate::config::Config;
+use crate::env::Spec;
 use crate::report;
 use crate::study::{NamedConfig, Study, StudyDir, StudyError, Trial};
 use crate::text::{visible, wrapped};
@@ -55,7 +55,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// How many trials run at the same time [default: one per CPU]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::integer::<1, 4096>)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::ui::integer::<1, 4096>)]
     jobs: Option<u64>,
     /// Also play every policy for up to 20,000 steps, which shows a cart that drifts away slowly
     #[arg(long)]
@@ -128,7 +128,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let signals = Signals::listen();
     let folder = StudyDir::open(&arguments.out, &study)?;
-    let mut progress = Progress::new(study.configs.len() as u64, &study.seeds, arguments.quiet);
+    let mut progress = Progress::new(&study, arguments.quiet);
     for trial in folder.finished(&study) {
         progress.count(&trial?);
     }
@@ -222,7 +222,7 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
                     "--config {origin}: two configs are called {stem:?}; rename a file"
                 )));
             }
-            configs.push(NamedConfig { name, config });
+            configs.push(NamedConfig::new(name, config));
         }
     }
     Ok(configs)
@@ -256,6 +256,8 @@ struct Progress {
     bar: ProgressBar,
     quiet: bool,
     last_line: Instant,
+    /// What each config is called, and its task.
+    tasks: Vec<(String, Spec)>,
     total: u64,
     done: u64,
     solved: u64,
@@ -264,8 +266,8 @@ struct Progress {
 }
 
 impl Progress {
-    fn new(configs: u64, seeds: &Range<u64>, quiet: bool) -> Self {
-        let total = configs.saturating_mul(seeds.end - seeds.start);
+    fn new(study: &Study, quiet: bool) -> Self {
+        let total = (study.configs.len() as u64).saturating_mul(study.seeds.end - study.seeds.start);
         let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(total) };
         if let Ok(style) = ProgressStyle::with_template("trial {pos}/{len} {wide_bar} eta {eta}\n{wide_msg}")
         {
@@ -275,6 +277,7 @@ impl Progress {
             bar,
             quiet,
             last_line: Instant::now(),
+            tasks: study.configs.iter().map(|named| (named.name.clone(), named.task.clone())).collect(),
             total,
             done: 0,
             solved: 0,
@@ -285,7 +288,8 @@ impl Progress {
 
     fn count(&mut self, trial: &Trial) {
         self.done += 1;
-        self.solved += u64::from(trial.solved());
+        let task = self.tasks.iter().find(|(name, _)| *name == trial.config);
+        self.solved += u64::from(task.is_some_and(|(_, task)| trial.solved(task)));
         if let Some(error) = &trial.error {
             self.failed += 1;
             let Trial { config, seed, .. } = trial;
@@ -323,9 +327,12 @@ impl Progress {
 
     fn result(&self) -> String {
         format!(
-            "trials     {}\nsolved     {} by the final policy (mean return ≥ 475 over eval's 100 episodes)\n\
+            "trials     {}\nsolved     {} by the final policy (mean return {} over eval's 100 episodes)\n\
              failed     {}\n",
-            self.done, self.solved, self.failed
+            self.done,
+            self.solved,
+            self.tasks[0].1.goal(),
+            self.failed
         )
     }
 

@@ -1,31 +1,22 @@
 //! `cartpole-dqn train`
 
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
 use clap::Args;
-use serde::Serialize;
 use serde_json::json;
 
-use super::init::start_from;
-use super::resume::{Resumed, Run, Start, resume};
-use super::run_dir::{RunDir, bad, cannot_write, check_out, checkpoint_of};
+use super::layers::Layers;
 use super::signals::Signals;
-use super::{Failure, print, print_json, program, say, shell_word};
-use crate::checkpoint::sha256;
-use crate::config::{self, Config};
-use crate::env::{CartPole, Environment};
-use crate::files::{read_limited, read_text_limited, write_json};
-use crate::nn::kernels;
-use crate::sink::{Console, EpisodeLog, JsonLines, ProgressCsv, TensorBoard};
+use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say, shell_word};
+use crate::config::{Config, MAX_BYTES};
+use crate::env::Spec;
+use crate::files::{read_text_limited, write_json};
+use crate::run::{Record, Recorder, Resumed, RunDir, Started, resume, start};
+use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::shown;
-use crate::trainer::{Budget, EndReason, Evaluation, Event, EventSink, Summary, TrainError, Trainer};
+use crate::trainer::{Budget, EndReason, Evaluation, Fanout, Summary, TrainError, Trainer};
 use crate::view::{Live, Pace, check_terminal};
-
-/// The default config, `configs/cartpole.json`.
-pub(super) const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
-pub(super) const DEFAULT_NAME: &str = "cartpole";
 
 /// Train an agent.
 ///
@@ -61,7 +52,7 @@ pub(super) struct Arguments {
     quiet: bool,
     /// Instead of the progress, print a line for every N-th training episode
     #[arg(long, value_name = "N", conflicts_with_all = ["quiet", "live"], allow_negative_numbers = true,
-        value_parser = super::integer::<1, { u64::MAX }>)]
+        value_parser = super::ui::integer::<1, { u64::MAX }>)]
     log_every: Option<u64>,
     /// Show the run in the terminal while it trains: learning curve, diagnostics, the latest policy at play
     #[arg(long, conflicts_with = "quiet")]
@@ -75,66 +66,6 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// What a config is made of.
-#[derive(Debug, Args)]
-pub(super) struct Layers {
-    /// JSON file with the settings of the run, `-` for standard input [default: the built-in configs/cartpole.json]
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Seed of the run's random numbers, 0 to 2⁶⁴−1; takes precedence over --config and --set
-    #[arg(long, value_name = "N", value_parser = super::seed, allow_negative_numbers = true)]
-    seed: Option<u64>,
-    /// Set one config key, for example optimizer.learning_rate=0.001; may be repeated (`config show` lists the keys)
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
-    /// End the run at the first evaluation that solves the task; short for --set stop_when_solved=true
-    #[arg(long)]
-    stop_when_solved: bool,
-}
-
-/// The name of a config file in messages, and its text; `-` is standard input.
-pub(super) fn read_config(path: &Path) -> Result<(String, String), Failure> {
-    if path.as_os_str() != "-" {
-        return Ok((shown(path), config::read_file(path)?));
-    }
-    let name = "standard input";
-    let text = config::read(io::stdin().lock())
-        .map_err(|source| config::ConfigError::Read { path: name.into(), source })?;
-    Ok((name.into(), text))
-}
-
-/// What a run or a trial is called after its config file.
-pub(super) fn config_name(path: &Path) -> String {
-    match path.file_stem() {
-        Some(stem) if path.as_os_str() != "-" => stem.to_string_lossy().into_owned(),
-        _ => "stdin".into(),
-    }
-}
-
-impl Layers {
-    /// Defaults < file < `--set` < `--seed`.
-    pub(super) fn resolve(&self) -> Result<Config, Failure> {
-        let file = self.config.as_deref().map(read_config).transpose()?;
-        let layer = match &file {
-            Some((name, text)) => (name.as_str(), text.as_str()),
-            None => ("the built-in config", DEFAULT_CONFIG),
-        };
-        Ok(Config::from_layers(Some(layer), &self.sets())?)
-    }
-
-    /// `--set` < `--seed`, `--stop-when-solved`.
-    fn sets(&self) -> Vec<String> {
-        let seed = self.seed.map(|seed| format!("seed={seed}"));
-        let stop = self.stop_when_solved.then(|| "stop_when_solved=true".to_owned());
-        self.set.iter().cloned().chain(seed).chain(stop).collect()
-    }
-
-    /// What a run of this config is called.
-    fn name(&self) -> String {
-        self.config.as_deref().map_or_else(|| DEFAULT_NAME.into(), config_name)
-    }
-}
-
 pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     if arguments.live {
         check_terminal()?;
@@ -144,26 +75,29 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
     let started = match (&arguments.resume, config) {
         (Some(path), _) => resume(path, &arguments.layers.sets())?,
-        (None, config) => Start::Run(Box::new(start(&arguments, config.unwrap_or_default())?)),
+        (None, config) => Resumed::Run(Box::new(start_new(&arguments, &config.unwrap_or_default())?)),
     };
-    let (run, metrics, mut trainer) = match started {
-        Start::Run(started) => *started,
-        Start::Ended(run) if arguments.json => return print_json(&read_summary(&run)?),
-        Start::Ended(_) => return Ok(()),
+    let Started { dir: run, config, mut trainer, recorder, notes } = match started {
+        Resumed::Run(started) => *started,
+        Resumed::Ended(run, why) => {
+            note(&why);
+            return if arguments.json { print_json(&read_summary(&run)?) } else { Ok(()) };
+        }
     };
+    notes.iter().for_each(|text| note(text));
     if !arguments.quiet && !arguments.json {
         say(&announce(&arguments, &run, &trainer));
     }
     if !arguments.live {
         signals.tell_if_slow();
     }
-    let mut sinks = sinks(&arguments, &run, metrics, &trainer, &signals)?;
+    let mut observers = observers(&arguments, &run, &config, recorder, &trainer, &signals)?;
     let start = Instant::now();
-    let result = trainer.run(&mut sinks, Some(&run.checkpoints()), &signals.stop);
+    let result = trainer.run(&mut observers, &signals.stop);
     let seconds = start.elapsed().as_secs_f64();
     let reason = match result {
         Ok(EndReason::Interrupted) => {
-            drop(sinks);
+            drop(observers);
             if arguments.json {
                 print_json(&unended(&run, &trainer, seconds, "interrupted"))?;
             }
@@ -173,7 +107,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         }
         Ok(reason) => reason,
         Err(error) => {
-            drop(sinks);
+            drop(observers);
             if arguments.json {
                 let mut record = unended(&run, &trainer, seconds, "failed");
                 record["error"] = json!(error.to_string());
@@ -185,17 +119,17 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let record = Record::new(&run, &trainer, reason, seconds);
     // The summary is also printed when it cannot be saved.
     let saved = write_json(&run.summary(), &record);
-    drop(sinks);
+    drop(observers);
     match (arguments.json, arguments.quiet) {
         (true, _) => print_json(&record)?,
         (false, true) => {}
-        (false, false) => print(&describe(&record, trainer.config().budget, &run))?,
+        (false, false) => print(&describe(&record, &trainer, &run))?,
     }
     saved.map_err(|error| cannot_write(&run.summary(), &error, ""))
 }
 
 /// As far as a run came that has not ended.
-fn unended(run: &RunDir, trainer: &Run, seconds: f64, end_reason: &str) -> serde_json::Value {
+fn unended(run: &RunDir, trainer: &Trainer, seconds: f64, end_reason: &str) -> serde_json::Value {
     let mut record = json!(Record::new(run, trainer, EndReason::Budget, seconds));
     record["end_reason"] = json!(end_reason);
     record
@@ -219,99 +153,53 @@ fn what_is_kept(run: &RunDir, error: &TrainError) -> String {
 
 /// `summary.json` of a run that has ended.
 fn read_summary(run: &RunDir) -> Result<serde_json::Value, Failure> {
-    let text = read_text_limited(&run.summary(), config::MAX_BYTES).map_err(|error| error.to_string());
+    let text = read_text_limited(&run.summary(), MAX_BYTES).map_err(|error| error.to_string());
     let summary = text.and_then(|text| serde_json::from_str(&text).map_err(|error| error.to_string()));
-    summary.map_err(|error| bad(run.path(), &format!("has a summary.json that cannot be read: {error}")))
+    summary.map_err(|error| {
+        let path = shown(run.path());
+        Failure::BadInput(format!("directory {path} has a summary.json that cannot be read: {error}"))
+    })
 }
 
-/// Who takes the events of the run.
-fn sinks(
+/// Who watches the run.
+fn observers<'a>(
     arguments: &Arguments,
     run: &RunDir,
-    mut metrics: JsonLines,
-    trainer: &Run,
+    config: &Config,
+    recorder: Recorder,
+    trainer: &Trainer,
     signals: &Signals,
-) -> Result<Vec<Box<dyn EventSink>>, Failure> {
-    let budget = trainer.config().budget;
-    let progress = ProgressCsv::create(&run.progress()).and_then(|mut progress| {
-        metrics.replay(&mut progress)?;
-        Ok(progress)
-    });
-    let progress = progress.map_err(|error| cannot_write(&run.progress(), &error, ""))?;
-    let mut sinks: Vec<Box<dyn EventSink>> = vec![Box::new(metrics), Box::new(progress)];
+) -> Result<Fanout<'a>, Failure> {
+    let (budget, env_steps) = (config.budget, trainer.progress().env_steps);
+    let mut observers = Fanout::default();
+    observers.0.push(Box::new(recorder));
     if arguments.live {
         let pace = arguments.pace.unwrap_or(Pace::FULL);
         let (name, end_process) = (run.path().to_string_lossy(), signals.end_process());
-        sinks.push(Box::new(Live::open(&name, budget, pace, &signals.interrupts, end_process)?));
+        let environment = config.environment.make(trainer.spec().max_steps)?;
+        let live = Live::open(&name, environment, budget, pace, &signals.interrupts, end_process)?;
+        observers.0.push(Box::new(live));
     } else if let Some(every) = arguments.log_every {
-        sinks.push(Box::new(EpisodeLog::new(budget, every)));
+        observers.0.push(Box::new(EpisodeLog::new(budget, every)));
     } else if !arguments.quiet {
-        sinks.push(Box::new(Console::new(budget, trainer.progress().env_steps)));
+        observers.0.push(Box::new(Console::new(budget, env_steps)));
     }
-    // A resumed run that has event files goes on with them.
+    // A resumed run that has event files continues them.
     if arguments.tensorboard || (arguments.resume.is_some() && run.has_events()) {
-        let (folder, optimizer) = (run.tensorboard(), trainer.config().optimizer);
+        let (folder, optimizer) = (run.tensorboard(), config.dqn.optimizer);
         let learning_rate = move |steps| optimizer.learning_rate_after(steps);
-        let events = TensorBoard::create(&folder, trainer.progress().env_steps, learning_rate);
-        sinks.push(Box::new(events.map_err(|error| cannot_write(&folder, &error, ""))?));
+        let events = TensorBoard::create(&folder, env_steps, learning_rate);
+        observers.0.push(Box::new(events.map_err(|error| cannot_write(&folder, &error, ""))?));
     }
-    Ok(sinks)
-}
-
-/// Largest file of which the summary has the SHA-256, in bytes.
-const MAX_HASHED: u64 = 1 << 32;
-
-/// `summary.json`: what the run came to, and what it takes to repeat it.
-#[derive(Serialize)]
-pub(super) struct Record {
-    #[serde(flatten)]
-    summary: Summary,
-    /// Mean return of the last 100 training episodes, or of as many as there are.
-    mean_return_100: Option<f64>,
-    /// SHA-256 over the weights that `--init-from` gave the run; none if they were drawn.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    init_sha256: Option<String>,
-    /// SHA-256 over `config.json`; none if it is gone.
-    config_sha256: Option<String>,
-    version: &'static str,
-    /// None where the program was not built from a clone; `-dirty` behind it if from changed files.
-    git_revision: Option<&'static str>,
-    /// The instruction set of the kernels.
-    cpu_path: &'static str,
-}
-
-impl Record {
-    /// What says how the program was built and where it ran, and not what it computed.
-    pub(super) const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
-
-    pub(super) fn new(run: &RunDir, trainer: &Run, reason: EndReason, wall_seconds: f64) -> Self {
-        let file_sha256 = |path: PathBuf| read_limited(&path, MAX_HASHED).ok().map(|bytes| sha256([bytes]));
-        Self {
-            summary: trainer.summary(reason, wall_seconds),
-            mean_return_100: trainer.progress().mean_return_100(),
-            init_sha256: file_sha256(run.init()),
-            config_sha256: file_sha256(run.config()),
-            version: env!("CARGO_PKG_VERSION"),
-            git_revision: option_env!("CARTPOLE_DQN_REVISION"),
-            cpu_path: kernels::Path::current().name(),
-        }
-    }
+    Ok(observers)
 }
 
 /// A new run in its own directory.
-fn start(arguments: &Arguments, config: Config) -> Result<Resumed, Failure> {
+fn start_new(arguments: &Arguments, config: &Config) -> Result<Started, Failure> {
     config.check_memory(1).map_err(Failure::BadInput)?;
-    let mut trainer = Trainer::new(config.clone(), config.make_environment());
-    let init = match &arguments.init_from {
-        Some(path) => Some(start_from(&checkpoint_of(path)?, &mut trainer)?),
-        None => None,
-    };
-    let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, &config));
+    let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, config));
     check_out(&out)?;
-    let (run, metrics) = RunDir::create(&out, arguments.force, &config, init.as_ref())?;
-    // From now on a run without a checkpoint is one that has lost it, however early the process is killed.
-    trainer.save_last(&mut Vec::<Event>::new(), Some(&run.checkpoints()))?;
-    Ok((run, metrics, trainer))
+    Ok(start(&out, arguments.force, config, arguments.init_from.as_deref())?)
 }
 
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
@@ -321,7 +209,7 @@ fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
 }
 
 /// The first line: what is trained, with which seed, and where it is written.
-fn announce(arguments: &Arguments, run: &RunDir, trainer: &Run) -> String {
+fn announce(arguments: &Arguments, run: &RunDir, trainer: &Trainer) -> String {
     let (seed, budget) = (trainer.config().seed, budget(trainer.config().budget));
     let what = match (&arguments.resume, &arguments.init_from) {
         (Some(_), _) => {
@@ -354,22 +242,23 @@ fn fitting(label: &str, value: &str) -> String {
     }
 }
 
-fn describe(record: &Record, given: Budget, run: &RunDir) -> String {
+fn describe(record: &Record, trainer: &Trainer, run: &RunDir) -> String {
     let Summary {
         env_steps, episodes, updates, seed, wall_seconds, best_evaluation, final_evaluation, ..
     } = record.summary;
+    let task = trainer.spec();
     let ended = match record.summary.end_reason {
         EndReason::Solved => "the first evaluation that solved the task (stop_when_solved)".into(),
-        _ => format!("the whole budget of {} was trained", budget(given)),
+        _ => format!("the whole budget of {} was trained", budget(trainer.config().budget)),
     };
     let training = record.mean_return_100.map_or_else(
         || "no episode has ended".into(),
         |mean| format!("mean return {mean:.1} over the last {} training episodes", episodes.min(100)),
     );
-    let best = best_evaluation.map_or_else(|| "none".into(), evaluated);
-    let final_ = final_evaluation.map_or_else(|| "none".into(), evaluated);
-    let collapsed = match (best_evaluation.map(solves), final_evaluation.map(solves)) {
-        (Some(true), Some(false)) => {
+    let best = best_evaluation.map_or_else(|| "none".into(), |best| evaluated(best, task));
+    let final_ = final_evaluation.map_or_else(|| "none".into(), |end| evaluated(end, task));
+    let collapsed = match [best_evaluation, final_evaluation].map(|e| e.map(|e| task.is_solved_by(e.mean))) {
+        [Some(true), Some(false)] => {
             "\nThe final policy no longer solves the task. The best policy is kept; use that one.\n"
         }
         _ => "",
@@ -397,14 +286,9 @@ Next: play the best policy on new episodes, watch it, draw the learning curve.
     )
 }
 
-fn evaluated(evaluation: Evaluation) -> String {
-    let Evaluation { mean, env_steps } = evaluation;
-    let solved = if solves(evaluation) { "solved" } else { "not solved" };
+fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &Spec) -> String {
+    let solved = if task.is_solved_by(mean) { "solved" } else { "not solved" };
     format!("mean return {mean:.1} in the evaluation at step {env_steps}: {solved}")
-}
-
-fn solves(evaluation: Evaluation) -> bool {
-    evaluation.mean >= CartPole::SOLVED_RETURN
 }
 
 fn resume_command(run: &RunDir) -> String {

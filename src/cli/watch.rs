@@ -4,10 +4,11 @@ use std::sync::atomic::Ordering;
 
 use clap::Args;
 
-use super::Failure;
 use super::policy::Place;
 use super::signals::Signals;
+use super::ui::Failure;
 use crate::text::shown;
+use crate::trainer::SCORE_SEED;
 use crate::view;
 
 /// Watch a trained policy play in the terminal, and push the cart yourself.
@@ -21,7 +22,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     place: Place,
     /// Gymnasium seed of the first episode; each later episode has the next seed
-    #[arg(long, value_name = "S", default_value_t = 2_000_000, value_parser = super::seed,
+    #[arg(long, value_name = "S", default_value_t = SCORE_SEED, value_parser = super::ui::seed,
         allow_negative_numbers = true)]
     seed: u64,
 }
@@ -30,7 +31,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
     let policy = found.policy()?.greedy(1);
     let signals = Signals::listen_for_view();
-    view::watch(policy, &shown(&found.place), arguments.seed, &signals.stop)?;
+    view::watch(policy, found.make_environment()?, &shown(&found.place), arguments.seed, &signals.stop)?;
     if signals.stop.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped".into(), signals.exit_code()));
     }

@@ -1,8 +1,8 @@
-//! What two configs, or two lists of them, differ in.
+//! What two configs, or other JSON values that hold configs, differ in.
 
 use serde_json::Value;
 
-/// The first key by which two values differ, and how.
+/// Says in which key two values differ first, and how. `path` is the key of the values themselves.
 pub fn difference(path: &str, found: &Value, given: &Value) -> Option<String> {
     let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
     match (found, given) {
@@ -17,8 +17,9 @@ pub fn difference(path: &str, found: &Value, given: &Value) -> Option<String> {
             let mut pairs = a.iter().zip(b).enumerate();
             pairs.find_map(|(i, (a, b))| difference(&below(&i.to_string()), a, b))
         }
-        (Value::Array(a), Value::Array(b)) if path == "configs" => {
-            Some(format!("it has {} configs, and {} are given", a.len(), b.len()))
+        // Lists of objects can fill pages.
+        (Value::Array(a), Value::Array(b)) if a.iter().chain(b).any(Value::is_object) => {
+            Some(format!("it has {} {path}, and {} are given", a.len(), b.len()))
         }
         _ => (found != given).then(|| format!("its `{path}` is {found}, and {given} is given")),
     }

@@ -1,74 +1,119 @@
-//! Every key of a config: what it may hold, and what it means.
+//! Every key of a config: what it may hold, in which unit, and what it means. The defaults are [`Config::default`].
+//!
+//! Messages, `config show`, the JSON Schema and the table in docs/configuration.md are made from this table.
 
 use std::fmt;
 use std::ops::Bound::{self, Excluded, Included};
 use std::ops::RangeBounds;
 
-use schemars::{Schema, json_schema};
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
 
-use crate::env::{CartPole, Environment};
+use super::Config;
+use crate::agent::{Exploration, TargetUpdate};
+use crate::env::catalogue::EnvironmentId;
+use crate::nn::LearningRateSchedule;
+use crate::trainer::Budget;
 
 /// A line of [`KEYS`].
 pub(super) struct Key {
     /// `group.name`.
     pub(super) path: &'static str,
     pub(super) allowed: Allowed,
+    /// Empty for a name, a switch and a number without a unit.
+    pub(super) unit: &'static str,
     pub(super) meaning: &'static str,
 }
 
-const fn key(path: &'static str, allowed: Allowed, meaning: &'static str) -> Key {
-    Key { path, allowed, meaning }
+impl Key {
+    const fn new(path: &'static str, allowed: Allowed, unit: &'static str, meaning: &'static str) -> Self {
+        Self { path, allowed, unit, meaning }
+    }
 }
 
-/// Every key. What binds several keys is in [`super::Config::check_combinations`].
+/// Every key. [`Config::check_combinations`] has the rules that concern several keys.
 #[rustfmt::skip]
 pub(super) const KEYS: &[Key] = &[
-    key("$schema", Allowed::Text, "ignored, for editors"),
-    key("seed", Allowed::Integer(0, u64::MAX), "seed of every random stream of the run"),
-    key("environment", Allowed::OneOf(&["CartPole-v1"]), "the task"),
-    key("max_episode_steps", Allowed::Integer(1, 1_000_000), "episodes of training and of its evaluations are cut off after this many steps; scores still count the first 500"),
-    key("network.hidden", Allowed::LayerSizes, "units of each hidden layer, first to last; `[]` is a linear network"),
-    key("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"]), "how the weights start"),
-    key("optimizer.learning_rate", POSITIVE, "Adam's step size α; if there is a schedule, the value at its start"),
-    key("optimizer.beta1", BELOW_ONE, "decay of the first moment"),
-    key("optimizer.beta2", BELOW_ONE, "decay of the second moment"),
-    key("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", (Included(1e-30), Included(1.0))), "added to the root of the bias-corrected second moment"),
-    key("optimizer.max_gradient_norm", Allowed::OrNull(&SCALE), "a gradient with a larger norm is shortened to this norm; `null`: no limit"),
-    key("optimizer.schedule", Allowed::OrNull(&Allowed::Object("an object with `final_learning_rate`, `steps`")), "how the step size changes during training; `null`: it does not"),
-    key("optimizer.schedule.final_learning_rate", UNIT, "step size at the end of the schedule"),
-    key("optimizer.schedule.steps", PERIOD, "length of the straight line from `learning_rate` to `final_learning_rate`"),
-    key("loss", Allowed::OneOf(&["mse", "huber"]), "loss of a TD error"),
-    key("gamma", UNIT, "discount factor γ"),
-    key("n_step", Allowed::Integer(1, 100), "how many rewards a target sums before the target network's value is added"),
-    key("double", Allowed::Bool, "double Q-learning: the online network chooses the action that the target network values"),
-    key("replay.capacity", Allowed::Integer(1, 100_000_000), "transitions that the memory holds before it overwrites the oldest"),
-    key("replay.batch_size", Allowed::Integer(1, 65_536), "transitions in a minibatch"),
-    key("replay.warmup_steps", Allowed::Integer(0, u64::MAX), "no learning happens before this step"),
-    key("replay.update", Allowed::OneOf(&["minibatch", "per_sample"]), "`minibatch`: one Adam step on the mean loss; `per_sample`: one Adam step per transition, one after another"),
-    key("replay.mirror", Allowed::Bool, "each sample of a minibatch becomes its mirror image (left and right exchanged) with probability ½"),
-    key("learn.every_steps", PERIOD, "period of the learning steps"),
-    key("learn.updates", Allowed::Integer(1, u32::MAX as u64), "minibatches per learning step"),
-    key("exploration.schedule", Allowed::OneOf(&["per_episode", "linear"]), "how ε falls"),
-    key("exploration.initial", UNIT, "ε at the start"),
-    key("exploration.final", UNIT, "`linear`: ε from step `steps` on; `per_episode`: ε is not multiplied any more at or below this"),
-    key("exploration.decay", POSITIVE, "only `per_episode`: factor after every episode"),
-    key("exploration.steps", PERIOD, "only `linear`: length of the straight line from `initial` to `final`"),
-    key("target.kind", Allowed::OneOf(&["hard", "none", "soft"]), "`hard`: a target network that is copied from the online network; `soft`: one that moves a share of the way to it; `none`: the online network bootstraps itself"),
-    key("target.every_steps", PERIOD, "only `hard`: period of the copies"),
-    key("target.every_episodes", PERIOD, "only `hard`, instead of `every_steps`: copied after episode e, from 0, if `e % every_episodes == 0`"),
-    key("target.tau", POSITIVE, "only `soft`: share of the way, after every learning step"),
-    key("truncation_is_terminal", Allowed::Bool, "the 500-step limit counts as the end of the task, as a fall does"),
-    key("observation_divisors", Allowed::OrNull(&Allowed::Scales), "what x, ẋ, θ, θ̇ are divided by before the agent sees them; `null`: nothing"),
-    key("reward_scale", SCALE, "what rewards are multiplied by before they are stored; metrics show the raw ones"),
-    key("policy_weights", Allowed::OneOf(&["online", "target"]), "the weights that are evaluated and saved as the policy"),
-    key("budget.steps", PERIOD, "the run ends after this many steps"),
-    key("budget.episodes", PERIOD, "instead of `steps`: the run ends after this many complete episodes"),
-    key("evaluation.every_steps", PERIOD, "period of the greedy evaluations; there is always one at the end"),
-    key("evaluation.episodes", Allowed::Integer(1, 100_000), "episodes of an evaluation, on Gymnasium's seeds 1,000,000, 1,000,001, …"),
-    key("checkpoint.every_steps", PERIOD, "period of `last.safetensors`; it is always written at the end"),
-    key("stop_when_solved", Allowed::Bool, "the run ends at the first evaluation with a mean of at least 475"),
+    Key::new("$schema", Allowed::Text, "", "ignored, for editors"),
+    Key::new("seed", Allowed::Integer(0, u64::MAX), "", "seed of every random stream of the run"),
+    Key::new("environment", Allowed::OneOf(EnvironmentId::NAMES), "", "the task"),
+    Key::new("max_episode_steps", Allowed::Integer(1, 1_000_000), "steps", "training episodes are cut off after this many steps; evaluations have the environment's own time limit"),
+    Key::new("network.hidden", Allowed::LayerSizes, "units", "units of each hidden layer, first to last; `[]` is a linear network"),
+    Key::new("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"]), "", "how the weights start"),
+    Key::new("optimizer.learning_rate", POSITIVE, "", "Adam's step size α; if there is a schedule, the value at its start"),
+    Key::new("optimizer.beta1", BELOW_ONE, "", "decay of the first moment"),
+    Key::new("optimizer.beta2", BELOW_ONE, "", "decay of the second moment"),
+    Key::new("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", (Included(1e-30), Included(1.0))), "", "added to the root of the bias-corrected second moment"),
+    Key::new("optimizer.max_gradient_norm", Allowed::OrNull(&SCALE), "", "a gradient with a larger norm is shortened to this norm; `null`: no limit"),
+    Key::new("optimizer.schedule", Allowed::OrNull(&Allowed::Object("an object with `final_learning_rate`, `steps`")), "", "how the step size changes during training; `null`: it does not"),
+    Key::new("optimizer.schedule.final_learning_rate", UNIT, "", "step size at the end of the schedule"),
+    Key::new("optimizer.schedule.steps", PERIOD, "steps", "length of the straight line from `learning_rate` to `final_learning_rate`"),
+    Key::new("loss", Allowed::OneOf(&["mse", "huber"]), "", "loss of a TD error"),
+    Key::new("gamma", UNIT, "per step", "discount factor γ"),
+    Key::new("n_step", Allowed::Integer(1, 100), "steps", "how many rewards a target sums before the target network's value is added"),
+    Key::new("double", Allowed::Bool, "", "double Q-learning: the online network chooses the action that the target network values"),
+    Key::new("replay.capacity", Allowed::Integer(1, 100_000_000), "transitions", "transitions that the memory holds before it overwrites the oldest"),
+    Key::new("replay.batch_size", Allowed::Integer(1, 65_536), "transitions", "transitions in a minibatch"),
+    Key::new("replay.warmup_steps", Allowed::Integer(0, u64::MAX), "steps", "no learning happens before this step"),
+    Key::new("replay.update", Allowed::OneOf(&["minibatch", "per_sample"]), "", "`minibatch`: one Adam step on the mean loss; `per_sample`: one Adam step per transition, one after another"),
+    Key::new("replay.mirror", Allowed::Bool, "", "each sample of a minibatch becomes its mirror image (left and right exchanged) with probability ½"),
+    Key::new("learn.every_steps", PERIOD, "steps", "period of the learning steps"),
+    Key::new("learn.updates", Allowed::Integer(1, u32::MAX as u64), "minibatches", "minibatches per learning step"),
+    Key::new("exploration.schedule", Allowed::OneOf(&["per_episode", "linear"]), "", "how ε falls"),
+    Key::new("exploration.initial", UNIT, "probability", "ε at the start"),
+    Key::new("exploration.final", UNIT, "probability", "`linear`: ε from step `steps` on; `per_episode`: ε is not multiplied any more at or below this"),
+    Key::new("exploration.decay", POSITIVE, "per episode", "only `per_episode`: factor after every episode"),
+    Key::new("exploration.steps", PERIOD, "steps", "only `linear`: length of the straight line from `initial` to `final`"),
+    Key::new("target.kind", Allowed::OneOf(&["hard", "none", "soft"]), "", "`hard`: a target network that is copied from the online network; `soft`: one that moves a share of the way to it; `none`: the online network bootstraps itself"),
+    Key::new("target.every_steps", PERIOD, "steps", "only `hard`: period of the copies"),
+    Key::new("target.every_episodes", PERIOD, "episodes", "only `hard`, instead of `every_steps`: copied after episode e, from 0, if `e % every_episodes == 0`"),
+    Key::new("target.tau", POSITIVE, "per learning step", "only `soft`: share of the way, after every learning step"),
+    Key::new("truncation_is_terminal", Allowed::Bool, "", "the time limit counts as the end of the task, as a termination does"),
+    Key::new("observation_divisors", Allowed::OrNull(&Allowed::Divisors), "as the coordinates", "what the coordinates of an observation are divided by before the agent sees them; `null`: nothing"),
+    Key::new("reward_scale", SCALE, "", "what rewards are multiplied by before they are stored; metrics show the raw ones"),
+    Key::new("policy_weights", Allowed::OneOf(&["online", "target"]), "", "the weights that are evaluated and saved as the policy"),
+    Key::new("budget.steps", PERIOD, "steps", "the run ends after this many steps"),
+    Key::new("budget.episodes", PERIOD, "episodes", "instead of `steps`: the run ends after this many complete episodes"),
+    Key::new("evaluation.every_steps", PERIOD, "steps", "period of the greedy evaluations; there is always one at the end"),
+    Key::new("evaluation.episodes", Allowed::Integer(1, 100_000), "episodes", "episodes of an evaluation, on Gymnasium's seeds 1,000,000, 1,000,001, …"),
+    Key::new("checkpoint.every_steps", PERIOD, "steps", "period of `last.safetensors`; it is always written at the end"),
+    Key::new("stop_when_solved", Allowed::Bool, "", "the run ends at the first evaluation whose mean return is at least the one from which the environment counts as solved"),
 ];
+
+/// The groups that hold one of several alternatives, each alternative with its defaults. The first alternative of a group
+/// is the group's default. An alternative without keys is null. Alternatives of the same name (their string) differ by
+/// their keys.
+pub(super) fn alternatives() -> [(&'static str, Vec<Map<String, Value>>); 4] {
+    let default = Config::default();
+    let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995 };
+    let every_episodes = TargetUpdate::EveryEpisodes(10);
+    let soft = TargetUpdate::Soft { tau: 0.005 };
+    let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
+    [
+        ("exploration", vec![object(default.dqn.exploration), object(per_episode)]),
+        (
+            "target",
+            vec![
+                object(default.dqn.target),
+                object(every_episodes),
+                object(soft),
+                object(TargetUpdate::None),
+            ],
+        ),
+        ("budget", vec![object(default.budget), object(Budget::Episodes(500))]),
+        ("optimizer.schedule", vec![object(default.dqn.optimizer.schedule), object(schedule)]),
+    ]
+}
+
+/// The members of what is written as an object; none of anything else.
+pub(super) fn object(value: impl Serialize) -> Map<String, Value> {
+    if let Value::Object(map) = json!(value) { map } else { Map::new() }
+}
+
+/// Where the value of a key is in a config's JSON, as a JSON Pointer.
+pub(super) fn pointer(path: &str) -> String {
+    format!("/{}", path.replace('.', "/"))
+}
 
 /// The path of every key, `group.name`.
 pub fn key_paths() -> impl Iterator<Item = &'static str> {
@@ -79,21 +124,21 @@ const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
 const UNIT: Allowed = Allowed::Number("from 0 to 1", (Included(0.0), Included(1.0)));
 const BELOW_ONE: Allowed = Allowed::Number("from 0 to below 1", (Included(0.0), Excluded(1.0)));
 const POSITIVE: Allowed = Allowed::Number("above 0 and at most 1", (Excluded(0.0), Included(1.0)));
-const SCALE: Allowed = Allowed::Number("from 1e-30 to 1e30", (Included(1e-30), Included(1e30)));
+pub(super) const SCALE: Allowed = Allowed::Number("from 1e-30 to 1e30", (Included(1e-30), Included(1e30)));
 
 /// What a key may hold.
 pub(super) enum Allowed {
     Bool,
     Text,
     OneOf(&'static [&'static str]),
-    /// From the first to the last, both included.
+    /// From the first number to the second, both included.
     Integer(u64, u64),
     /// The range in words and as bounds.
     Number(&'static str, (Bound<f64>, Bound<f64>)),
     LayerSizes,
-    /// One number for each coordinate of an observation.
-    Scales,
-    /// Its keys in words; each has its own line.
+    /// One number for each coordinate of an observation. The environment decides how many these are.
+    Divisors,
+    /// An object, with its keys in words. Each of these keys has a line of its own.
     Object(&'static str),
     OrNull(&'static Allowed),
 }
@@ -109,8 +154,8 @@ impl Allowed {
             Self::LayerSizes => value.as_array().is_some_and(|sizes| {
                 sizes.len() <= 16 && sizes.iter().all(|size| Self::Integer(1, 4096).admits(size))
             }),
-            Self::Scales => {
-                value.as_array().is_some_and(|scales| scales.iter().all(|scale| SCALE.admits(scale)))
+            Self::Divisors => {
+                value.as_array().is_some_and(|divisors| divisors.iter().all(|divisor| SCALE.admits(divisor)))
             }
             Self::Object(_) => value.is_object(),
             Self::OrNull(allowed) => value.is_null() || allowed.admits(value),
@@ -127,35 +172,32 @@ impl Allowed {
         }
     }
 
-    /// [`Self::admits`] as a JSON Schema; of an object only that it is one.
-    pub(super) fn schema(&self) -> Schema {
+    /// [`Self::admits`] as a JSON Schema. Of an object it says only that it is one.
+    pub(super) fn schema(&self) -> Value {
         match self {
-            Self::Bool => json_schema!({"type": "boolean"}),
-            Self::Text => json_schema!({"type": "string"}),
-            Self::OneOf(names) => json_schema!({"enum": names}),
-            Self::Integer(low, high) => json_schema!({"type": "integer", "minimum": low, "maximum": high}),
+            Self::Bool => json!({"type": "boolean"}),
+            Self::Text => json!({"type": "string"}),
+            Self::OneOf(names) => json!({"enum": names}),
+            Self::Integer(low, high) => json!({"type": "integer", "minimum": low, "maximum": high}),
             Self::Number(_, (low, high)) => {
-                let mut schema = json_schema!({"type": "number"});
+                let mut schema = json!({"type": "number"});
                 for (bound, included, excluded) in
                     [(low, "minimum", "exclusiveMinimum"), (high, "maximum", "exclusiveMaximum")]
                 {
                     match bound {
-                        Included(value) => schema.insert(included.into(), json!(value)),
-                        Excluded(value) => schema.insert(excluded.into(), json!(value)),
-                        Bound::Unbounded => None,
-                    };
+                        Included(value) => schema[included] = json!(value),
+                        Excluded(value) => schema[excluded] = json!(value),
+                        Bound::Unbounded => {}
+                    }
                 }
                 schema
             }
             Self::LayerSizes => {
-                json_schema!({"type": "array", "maxItems": 16, "items": Self::Integer(1, 4096).schema()})
+                json!({"type": "array", "maxItems": 16, "items": Self::Integer(1, 4096).schema()})
             }
-            Self::Scales => {
-                let size = CartPole::OBSERVATION_SIZE;
-                json_schema!({"type": "array", "minItems": size, "maxItems": size, "items": SCALE.schema()})
-            }
-            Self::Object(_) => json_schema!({"type": "object"}),
-            Self::OrNull(allowed) => json_schema!({"anyOf": [allowed.schema(), {"type": "null"}]}),
+            Self::Divisors => json!({"type": "array", "items": SCALE.schema()}),
+            Self::Object(_) => json!({"type": "object"}),
+            Self::OrNull(allowed) => json!({"anyOf": [allowed.schema(), {"type": "null"}]}),
         }
     }
 }
@@ -172,13 +214,7 @@ impl fmt::Display for Allowed {
             Self::LayerSizes => {
                 write!(f, "a list of at most 16 integers, each from 1 to 4096, such as [24, 24]")
             }
-            Self::Scales => {
-                write!(
-                    f,
-                    "a list with {SCALE} for each of the {} observation coordinates",
-                    CartPole::OBSERVATION_SIZE
-                )
-            }
+            Self::Divisors => write!(f, "a list with {SCALE} for each observation coordinate"),
             Self::Object(keys) => write!(f, "{keys}"),
             Self::OrNull(allowed) => write!(f, "null or {allowed}"),
         }

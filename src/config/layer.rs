@@ -1,11 +1,11 @@
-//! One source of settings: its keys and values, and how the sources are merged.
+//! A layer is the settings of one source. This module reads, checks and merges layers.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::iter::once;
 
+use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::ConfigError;
@@ -40,7 +40,7 @@ impl Layer {
         layer.checked()
     }
 
-    /// Adds what `node` holds; an object also as `{}` under its own path, so that it is noticed when it comes twice.
+    /// Adds what `node` holds. An object is also added as `{}` under its own path, so that a second one is noticed.
     fn insert(&mut self, key: String, node: Node) -> Result<(), ConfigError> {
         let value = match node {
             Node::Leaf(value) => whole(value),
@@ -57,7 +57,7 @@ impl Layer {
         }
     }
 
-    /// Holds the layer against [`KEYS`] and leaves only what it sets.
+    /// Checks the layer against [`KEYS`] and leaves only what it sets.
     fn checked(mut self) -> Result<Self, ConfigError> {
         for (key, value) in &self.values {
             let members = keys_in(&format!("{key}."));
@@ -77,22 +77,25 @@ impl Layer {
     }
 }
 
-/// Merges one group. The last layer that names an alternative, or sets a key that only one alternative has, decides. Keys
-/// that both alternatives have are kept from lower layers. The other keys of lower layers are dropped.
+/// Merges one group. The last layer that names an alternative, sets the group to null, or sets a key that only one
+/// alternative has, decides. Keys that both alternatives have are kept from lower layers. The other keys of lower layers
+/// are dropped.
 pub(super) fn choose(
     group: &str,
     alternatives: &[Map<String, Value>],
     layers: &[Layer],
-) -> Result<Map<String, Value>, ConfigError> {
+) -> Result<Value, ConfigError> {
     let member = |path: &str| Some(path.strip_prefix(group)?.strip_prefix('.')?.to_string());
     let mut chosen = &alternatives[0];
     let mut values = Map::new();
     for Layer { origin, values: layer } in layers {
         let own: Map<_, _> =
             layer.iter().filter_map(|(path, value)| Some((member(path)?, value.clone()))).collect();
+        let is_null = layer.contains_key(group);
         let same_name = |alternative: &&Map<String, Value>| {
             let mut names = alternative.iter().filter(|(_, value)| value.is_string());
             names.all(|(key, name)| own.get(key).or(chosen.get(key)) == Some(name))
+                && (alternative.is_empty() || !is_null)
         };
         let foreign_key = |alternative: &Map<_, _>| own.keys().find(|key| !alternative.contains_key(*key));
         let candidates: Vec<_> = once(chosen).chain(alternatives).filter(same_name).collect();
@@ -107,37 +110,15 @@ pub(super) fn choose(
         values.extend(own);
         values.retain(|key, _| chosen.contains_key(key));
     }
-    Ok(chosen.clone().into_iter().chain(values).collect())
+    let merged: Map<_, _> = chosen.clone().into_iter().chain(values).collect();
+    Ok(if merged.is_empty() { Value::Null } else { merged.into() })
 }
 
-/// Merges a group that may be null. A layer that sets one of its keys makes it an object, with `defaults` for what no
-/// layer sets; null clears what lower layers set.
-pub(super) fn choose_or_null(
-    group: &str,
-    defaults: &Map<String, Value>,
-    layers: &[Layer],
-) -> Result<Value, ConfigError> {
-    let mut chosen = None;
-    for Layer { origin, values } in layers {
-        let mut own = values.iter().filter_map(|(path, value)| {
-            Some((path.strip_prefix(group)?.strip_prefix('.')?.to_string(), value.clone()))
-        });
-        if values.contains_key(group) {
-            chosen = None;
-            if let Some((key, _)) = own.next() {
-                let hint = format!("`{group}` is null here");
-                return Err(key_error(origin, "misplaced key", &format!("{group}.{key}"), hint));
-            }
-        }
-        for (key, value) in own {
-            chosen.get_or_insert_with(|| defaults.clone()).insert(key, value);
-        }
-    }
-    Ok(json!(chosen))
-}
-
-/// The keys of an alternative, and its name: `{"kind": "hard", "every_steps"}`.
+/// Writes the keys of an alternative and its name, for messages: `{"kind": "hard", "every_steps"}`.
 fn shape(alternative: &Map<String, Value>) -> String {
+    if alternative.is_empty() {
+        return "null".into();
+    }
     let member = |(key, value): (&String, &Value)| match value {
         Value::String(name) => format!("\"{key}\": \"{name}\""),
         _ => format!("\"{key}\""),
@@ -145,7 +126,7 @@ fn shape(alternative: &Map<String, Value>) -> String {
     format!("{{{}}}", alternative.iter().map(member).collect::<Vec<_>>().join(", "))
 }
 
-/// An object of JSON as a list: a map would hide a duplicate key.
+/// An object of JSON as a list, because a map would hide a duplicate key.
 struct Members(Vec<(String, Node)>);
 
 #[derive(Deserialize)]
@@ -173,7 +154,7 @@ impl<'de> Deserialize<'de> for Members {
     }
 }
 
-/// `1000.0` and `1e3` as the integer that they are, in a list too.
+/// Turns a float that is a whole number, such as `1000.0` or `1e3`, into an integer. The same happens in a list.
 fn whole(value: Value) -> Value {
     match (value.as_f64(), value) {
         (_, Value::Array(list)) => list.into_iter().map(whole).collect(),
@@ -184,11 +165,8 @@ fn whole(value: Value) -> Value {
     }
 }
 
-pub(super) fn object(value: impl Serialize) -> Map<String, Value> {
-    if let Value::Object(map) = json!(value) { map } else { Map::new() }
-}
-
-/// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages; empty without any.
+/// A value as the object that it is in JSON, without keys if it is null.
+/// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages. Empty if there are none.
 fn keys_in(prefix: &str) -> String {
     let below = KEYS.iter().filter_map(|key| key.path.strip_prefix(prefix)?.split('.').next());
     let mut keys: Vec<_> = below.map(|key| format!("`{key}`")).collect();
@@ -199,7 +177,7 @@ fn keys_in(prefix: &str) -> String {
 fn nearest_key(key: &str) -> String {
     const MAX_LENGTH: usize = 64;
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_string();
-    // The right name in the wrong group counts almost as much, a wrong name in the right group not at all.
+    // The right name in the wrong group counts almost as much as the right path. The group alone counts nothing.
     let likeness = |known: &str| {
         let like = strsim::normalized_damerau_levenshtein;
         let name = like(&last(key), &last(known));
@@ -224,7 +202,7 @@ pub(super) fn invalid(origin: &str, key: &str, value: &Value, allowed: String) -
     ConfigError::Value { origin: origin.into(), key: key.into(), value: shown(&value.to_string()), allowed }
 }
 
-/// A user's text, short and without control characters.
+/// Shortens a user's text and replaces control characters, for messages.
 fn shown(text: &str) -> String {
     text.chars().take(80).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
 }

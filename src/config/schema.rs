@@ -1,28 +1,25 @@
-//! What can be said of the keys: the JSON Schema of a config file, and a config explained key by key.
+//! What is printed from the keys: the JSON Schema, the table of the documentation, and a config explained key by key.
 
-use std::borrow::Cow;
+use std::fmt::Write;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::{Map, Value, json};
 
-use super::keys::{KEYS, Key};
-use super::layer::object;
-use super::{Config, DEFAULT_SCHEDULE, alternatives};
+use super::Config;
+use super::keys::{KEYS, Key, alternatives, object, pointer};
 
-/// The schema of a config *file*, in which every key may be left out. Of a path as a key (`"replay.capacity"`) it allows
-/// any value, and it does not know what binds several keys.
-impl JsonSchema for Config {
-    fn schema_name() -> Cow<'static, str> {
-        "Config of cartpole-dqn".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        members("", &json!(Config::default()))
-    }
+/// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
+/// (`"replay.capacity"`), and it does not know the rules that concern several keys.
+pub fn schema() -> Value {
+    let mut schema = object(json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Config of cartpole-dqn",
+    }));
+    schema.extend(object(members("", &json!(Config::default()))));
+    schema.into()
 }
 
 /// The schema of the object whose keys begin with `prefix`.
-fn members(prefix: &str, defaults: &Value) -> Schema {
+fn members(prefix: &str, defaults: &Value) -> Value {
     let mut properties = Map::new();
     for key in KEYS {
         let Some(name) = key.path.strip_prefix(prefix).and_then(|rest| rest.split('.').next()) else {
@@ -30,45 +27,45 @@ fn members(prefix: &str, defaults: &Value) -> Schema {
         };
         let path = format!("{prefix}{name}");
         if !properties.contains_key(name) {
-            properties.insert(name.into(), member(&path, &defaults[name]).to_value());
+            properties.insert(name.into(), member(&path, &defaults[name]));
         }
     }
     closed(properties)
 }
 
-fn member(path: &str, default: &Value) -> Schema {
+fn member(path: &str, default: &Value) -> Value {
     let below = format!("{path}.");
-    let has_members = KEYS.iter().any(|key| key.path.starts_with(&below));
-    match (find(path), alternatives(&Config::default()).into_iter().find(|(group, _)| *group == path)) {
-        (Some(key), _) if has_members => {
-            let schedule = members(&below, &json!(DEFAULT_SCHEDULE));
-            described(json_schema!({"anyOf": [schedule, {"type": "null"}]}), key, default)
-        }
-        (Some(key), _) => described(key.allowed.schema(), key, default),
-        (None, Some((_, shapes))) => {
-            let shapes: Vec<Schema> =
-                shapes.iter().map(|shape| alternative(&below, shape, &shapes[0])).collect();
-            json_schema!({"anyOf": shapes})
-        }
+    match (find(path), alternatives().into_iter().find(|(group, _)| *group == path)) {
+        (Some(key), None) => described(key, key.allowed.schema(), default),
         (None, None) => members(&below, default),
+        (None, Some((_, shapes))) => {
+            let shapes: Vec<Value> =
+                shapes.iter().map(|shape| alternative(&below, shape, &shapes[0])).collect();
+            json!({"anyOf": shapes})
+        }
+        // A group that has a line in `KEYS` is null or one object.
+        (Some(key), Some((_, shapes))) => {
+            let object = members(&below, &json!(shapes.last()));
+            described(key, json!({"anyOf": [object, {"type": "null"}]}), default)
+        }
     }
 }
 
-/// The schema of one of a group's alternatives. Those of another name than the first must give it.
-fn alternative(prefix: &str, shape: &Map<String, Value>, first: &Map<String, Value>) -> Schema {
+/// The schema of one of a group's alternatives. It requires the name unless the first alternative has the same name.
+fn alternative(prefix: &str, shape: &Map<String, Value>, first: &Map<String, Value>) -> Value {
     let mut properties = Map::new();
     let mut required = Vec::new();
     for (name, value) in shape {
         let Some(key) = find(&format!("{prefix}{name}")) else { continue };
-        let schema = if value.is_string() { json_schema!({"const": value}) } else { key.allowed.schema() };
-        properties.insert(name.clone(), described(schema, key, value).to_value());
+        let schema = if value.is_string() { json!({"const": value}) } else { key.allowed.schema() };
+        properties.insert(name.clone(), described(key, schema, value));
         if value.is_string() && first.get(name) != Some(value) {
             required.push(name);
         }
     }
     let mut schema = closed(properties);
     if !required.is_empty() {
-        schema.insert("required".into(), json!(required));
+        schema["required"] = json!(required);
     }
     schema
 }
@@ -77,18 +74,19 @@ fn find(path: &str) -> Option<&'static Key> {
     KEYS.iter().find(|key| key.path == path)
 }
 
-fn described(mut schema: Schema, key: &Key, default: &Value) -> Schema {
-    schema.insert("description".into(), key.meaning.into());
-    // `$schema` has none.
+fn described(key: &Key, schema: Value, default: &Value) -> Value {
+    let mut described = object(json!({"description": key.meaning}));
+    described.extend(object(schema));
+    // `$schema` has no default.
     if key.path != "$schema" {
-        schema.insert("default".into(), default.clone());
+        described.insert("default".into(), default.clone());
     }
-    schema
+    described.into()
 }
 
-/// An object with these members and no others, except paths.
-fn closed(properties: Map<String, Value>) -> Schema {
-    json_schema!({
+/// The schema of an object with these members and no others, except paths.
+fn closed(properties: Map<String, Value>) -> Value {
+    json!({
         "type": "object",
         "properties": properties,
         "patternProperties": {"\\.": true},
@@ -96,22 +94,49 @@ fn closed(properties: Map<String, Value>) -> Schema {
     })
 }
 
+/// The table of all keys in docs/configuration.md, in Markdown.
+pub fn markdown_table() -> String {
+    let mut table =
+        String::from("| key | meaning | unit | allowed | default |\n| --- | --- | --- | --- | --- |\n");
+    for Key { path, allowed, unit, meaning } in KEYS {
+        let unit = if unit.is_empty() { "–" } else { unit };
+        let default = default_of(path).map_or("–".into(), |default| format!("`{default}`"));
+        // Writing to a string cannot fail.
+        let _ = writeln!(table, "| `{path}` | {meaning} | {unit} | {allowed} | {default} |");
+    }
+    table
+}
+
+/// The default of a key. `budget.episodes` has none: a config chooses that alternative only by setting the key.
+fn default_of(path: &str) -> Option<Value> {
+    let names = |shape: &Map<String, Value>| {
+        shape.values().filter(|value| value.is_string()).cloned().collect::<Vec<_>>()
+    };
+    for (group, shapes) in alternatives() {
+        let Some(name) = path.strip_prefix(group).and_then(|rest| rest.strip_prefix('.')) else { continue };
+        let shape = shapes.iter().find(|shape| shape.contains_key(name))?;
+        let first = shapes.iter().find(|first| !first.is_empty() && names(first) == names(shape))?;
+        return first.get(name).cloned();
+    }
+    json!(Config::default()).pointer(&pointer(path)).cloned()
+}
+
 /// One key of a config.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
     /// Its path, `group.name`.
     pub path: &'static str,
-    /// What it holds.
+    /// The value in the config.
     pub value: Value,
-    /// What it would hold if nothing had set it.
+    /// The value that the key has if no layer sets it.
     pub default: Value,
-    /// What it decides.
+    /// What the key decides.
     pub meaning: &'static str,
-    /// What it may hold.
+    /// The allowed values, in words.
     pub allowed: String,
 }
 
-/// Every key that `--set` takes: its path, what it decides and, where there are only a few, its values.
+/// Every key that `--set` takes: its path, its meaning and, where there are only a few, its values.
 pub fn keys() -> impl Iterator<Item = (&'static str, &'static str, Vec<&'static str>)> {
     let settable = KEYS.iter().filter(|key| key.path != "$schema");
     settable.map(|key| (key.path, key.meaning, key.allowed.names()))
@@ -122,29 +147,30 @@ impl Config {
     pub fn settings(&self) -> Vec<Setting> {
         let (config, default) = (json!(self), json!(self.defaults()));
         let setting = |key: &Key| {
-            let pointer = format!("/{}", key.path.replace('.', "/"));
-            let value = config.pointer(&pointer).filter(|value| !value.is_object())?.clone();
-            let default = default.pointer(&pointer).cloned().unwrap_or_default();
-            let Key { path, meaning, ref allowed } = *key;
+            let Key { path, meaning, ref allowed, .. } = *key;
+            let value = config.pointer(&pointer(path)).filter(|value| !value.is_object())?.clone();
+            let default = default.pointer(&pointer(path)).cloned().unwrap_or_default();
             Some(Setting { path, value, default, meaning, allowed: allowed.to_string() })
         };
         KEYS.iter().filter_map(setting).collect()
     }
 
-    /// The defaults of the keys that this config has.
+    /// The defaults of the keys that this config has, those of its alternatives included.
     fn defaults(&self) -> Value {
         let config = json!(self);
-        let default = Config::default();
-        let mut defaults = json!(default);
-        for (group, shapes) in alternatives(&default) {
-            let same_keys = |shape: &&Map<String, Value>| shape.keys().eq(object(&config[group]).keys());
-            let Some(shape) = shapes.iter().find(same_keys) else { continue };
-            for (name, value) in shape.iter().filter(|(_, value)| !value.is_string()) {
-                defaults[group][name] = value.clone();
+        let mut defaults = json!(Config::default());
+        for (group, shapes) in alternatives() {
+            let (Some(own), Some(group)) =
+                (config.pointer(&pointer(group)), defaults.pointer_mut(&pointer(group)))
+            else {
+                continue;
+            };
+            let own = object(own);
+            let same_keys = |shape: &Map<String, Value>| shape.keys().eq(own.keys());
+            let shape = shapes.into_iter().find(same_keys).unwrap_or_default();
+            for (name, value) in shape.into_iter().filter(|(_, value)| !value.is_string()) {
+                group[name] = value;
             }
-        }
-        if self.optimizer.schedule.is_some() {
-            defaults["optimizer"]["schedule"] = json!(DEFAULT_SCHEDULE);
         }
         defaults
     }

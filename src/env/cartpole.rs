@@ -1,11 +1,9 @@
 //! The cart and the pole: Barto, Sutton and Anderson (1983), "Neuronlike adaptive elements that can solve
 //! difficult learning control problems", in the form of Gymnasium's `CartPole-v1`.
 
-use serde::{Deserialize, Serialize};
-
-use super::{Environment, Step, TimeLimit};
+use super::scene::{Bounds, Color, Outline, Scene, Shape};
+use super::{Environment, EnvironmentError, Outcome, Spec, Start, TimeLimit};
 use crate::mirror::Mirror;
-use crate::rng::Rng;
 
 const GRAVITY: f64 = 9.8; // m/s²
 const CART_MASS: f64 = 1.0; // kg
@@ -18,8 +16,9 @@ const TIME_STEP: f64 = 0.02; // s
 const START_RANGE: f64 = 0.05; // every coordinate starts uniformly in ± this
 
 /// The physics without a time limit. Action 0 pushes the cart to the left, 1 to the right.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CartPole {
+    spec: Spec,
     /// Position x in m, velocity in m/s, pole angle θ in rad (0 upright, positive to the right), angular
     /// velocity in rad/s.
     state: [f64; 4],
@@ -39,17 +38,25 @@ impl CartPole {
 
     /// A cart at the given x, ẋ, θ, θ̇.
     pub fn at(state: [f64; 4]) -> Self {
-        Self { state }
+        let spec = Spec {
+            id: "CartPole-v1".into(),
+            observation_size: 4,
+            num_actions: 2,
+            max_steps: Self::MAX_STEPS,
+            solved_return: Some(475.0),
+            return_range: (0.0, f64::from(Self::MAX_STEPS)),
+            steps_per_second: f64::from(Self::STEPS_PER_SECOND),
+            actions: ["left", "right"].map(String::from).into(),
+            observations: ["x", "ẋ", "θ", "θ̇"].map(String::from).into(),
+            // Left and right exchanged: (−s, the other action) leads to −s′.
+            mirror: Some(Mirror { observation: (0..4).map(|i| (i, -1.0)).collect(), actions: vec![1, 0] }),
+        };
+        Self { spec, state }
     }
 
     /// CartPole-v1: the physics under its limit of 500 steps.
     pub fn v1() -> TimeLimit<Self> {
-        Self::limited(Self::MAX_STEPS)
-    }
-
-    /// CartPole-v1 under another time limit.
-    pub fn limited(max_steps: u32) -> TimeLimit<Self> {
-        TimeLimit::new(Self::default(), max_steps)
+        TimeLimit::new(Self::default(), Self::MAX_STEPS)
     }
 
     /// One explicit Euler step of the equations of motion (Florian 2007, eqs. 23 and 24, frictionless).
@@ -68,38 +75,72 @@ impl CartPole {
         ];
     }
 
-    fn observation(&self) -> [f32; 4] {
-        self.state.map(|coordinate| coordinate as f32)
+    fn observe(&self, observation: &mut [f32]) {
+        observation.copy_from_slice(&self.state.map(|coordinate| coordinate as f32));
+    }
+}
+
+impl Default for CartPole {
+    fn default() -> Self {
+        Self::at([0.0; 4])
     }
 }
 
 impl Environment for CartPole {
-    type Observation = [f32; 4];
-
-    const OBSERVATION_SIZE: usize = 4;
-    const NUM_ACTIONS: usize = 2;
-    const SOLVED_RETURN: f64 = 475.0;
-    const MAX_RETURN: f64 = Self::MAX_STEPS as f64;
-
-    /// Left and right exchanged: (−s, the other action) leads to −s′.
-    fn mirror() -> Option<Mirror> {
-        Some(Mirror { observation: (0..4).map(|i| (i, -1.0)).collect(), actions: vec![1, 0] })
+    fn spec(&self) -> &Spec {
+        &self.spec
     }
 
-    fn reset(&mut self, rng: &mut Rng) -> [f32; 4] {
-        self.state = std::array::from_fn(|_| rng.uniform(-START_RANGE, START_RANGE));
-        self.observation()
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+        self.state = start.draw(|rng| std::array::from_fn(|_| rng.uniform(-START_RANGE, START_RANGE)));
+        self.observe(observation);
+        Ok(())
     }
 
-    fn step(&mut self, action: usize) -> Step<[f32; 4]> {
-        debug_assert!(action < Self::NUM_ACTIONS);
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+        debug_assert!(action < self.spec.num_actions);
         self.integrate(if action == 1 { FORCE } else { -FORCE });
+        self.observe(observation);
         let [x, _, theta, _] = self.state;
         let terminated = x.abs() > Self::MAX_POSITION || theta.abs() > Self::MAX_ANGLE;
-        Step { observation: self.observation(), reward: 1.0, terminated, truncated: false }
+        Ok(Outcome { reward: 1.0, terminated, truncated: false })
     }
 
-    fn state(&self) -> &[f64] {
-        &self.state
+    fn state(&self) -> Option<&[f64]> {
+        Some(&self.state)
+    }
+
+    /// The picture of Gymnasium's `cartpole.py`, with its numbers. Gymnasium cuts the corners to whole pixels.
+    fn scene(&self) -> Option<Scene> {
+        const METRE: f64 = Scene::WIDTH as f64 / (2.0 * CartPole::MAX_POSITION);
+        const CENTER: f64 = Scene::WIDTH as f64 / 2.0;
+        const TRACK: f64 = 100.0;
+        const CART: (f64, f64) = (50.0, 30.0);
+        const AXLE: f64 = CART.1 / 4.0; // above the cart's middle
+        const POLE_WIDTH: f64 = 10.0;
+        let [x, _, theta, _] = self.state;
+        let at = (CENTER + x * METRE, TRACK + AXLE);
+        let rectangle = |width: f64, bottom, top| {
+            Outline::rectangle(Bounds { left: -width / 2.0, right: width / 2.0, bottom, top })
+        };
+        let cart = rectangle(CART.0, -CART.1 / 2.0 - AXLE, CART.1 / 2.0 - AXLE);
+        let pole = rectangle(POLE_WIDTH, -POLE_WIDTH / 2.0, METRE * Self::POLE_LENGTH - POLE_WIDTH / 2.0);
+        let axle = Outline::Circle(POLE_WIDTH / 2.0);
+        let track = Outline::Line(vec![(-CENTER, 0.0), (CENTER, 0.0)]);
+        Some(Scene {
+            // The ends of the track, and the pole at its highest.
+            focus: Bounds {
+                left: -0.25 * METRE,
+                right: 2.0 * CENTER + 0.25 * METRE,
+                bottom: TRACK - 0.2 * METRE,
+                top: TRACK + 1.1 * METRE,
+            },
+            shapes: vec![
+                Shape { outline: cart, at, angle: 0.0, color: Color::Ink },
+                Shape { outline: pole, at, angle: -theta, color: Color::Tan },
+                Shape { outline: axle, at, angle: 0.0, color: Color::Lavender },
+                Shape { outline: track, at: (CENTER, TRACK + 0.5), angle: 0.0, color: Color::Ink },
+            ],
+        })
     }
 }

@@ -1,18 +1,15 @@
 //! A limit on the length of an episode, outside the physics (Pardo et al. 2018, "Time limits in reinforcement
 //! learning"): it truncates, it does not terminate.
 
-use serde::{Deserialize, Serialize};
+use super::scene::Scene;
+use super::{Environment, EnvironmentError, Outcome, Spec, Start};
 
-use super::{Environment, Step};
-use crate::mirror::Mirror;
-use crate::rng::Rng;
-
-/// Truncates the episodes of `E` after `max_steps` steps.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Truncates the episodes of `E` after `max_steps` steps. An inner environment that truncates its own episodes still does.
+#[derive(Clone, Debug, PartialEq)]
 pub struct TimeLimit<E> {
-    environment: E,
     max_steps: u32,
     elapsed_steps: u32,
+    environment: E,
 }
 
 impl<E> TimeLimit<E> {
@@ -23,35 +20,26 @@ impl<E> TimeLimit<E> {
 }
 
 impl<E: Environment> Environment for TimeLimit<E> {
-    type Observation = E::Observation;
-
-    const OBSERVATION_SIZE: usize = E::OBSERVATION_SIZE;
-    const NUM_ACTIONS: usize = E::NUM_ACTIONS;
-    const SOLVED_RETURN: f64 = E::SOLVED_RETURN;
-    const MAX_RETURN: f64 = E::MAX_RETURN;
-
-    fn mirror() -> Option<Mirror> {
-        E::mirror()
+    fn spec(&self) -> &Spec {
+        self.environment.spec()
     }
 
-    fn reset(&mut self, rng: &mut Rng) -> E::Observation {
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
         self.elapsed_steps = 0;
-        self.environment.reset(rng)
+        self.environment.reset(start, observation)
     }
 
-    fn step(&mut self, action: usize) -> Step<E::Observation> {
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
         self.elapsed_steps += 1;
-        let step = self.environment.step(action);
-        Step { truncated: step.truncated || self.elapsed_steps >= self.max_steps, ..step }
+        let outcome = self.environment.step(action, observation)?;
+        Ok(Outcome { truncated: outcome.truncated || self.elapsed_steps >= self.max_steps, ..outcome })
     }
 
-    fn state(&self) -> &[f64] {
+    fn state(&self) -> Option<&[f64]> {
         self.environment.state()
     }
 
-    fn admits(&self, state: &Self) -> bool {
-        state.max_steps == self.max_steps
-            && state.elapsed_steps < self.max_steps
-            && self.environment.admits(&state.environment)
+    fn scene(&self) -> Option<Scene> {
+        self.environment.scene()
     }
 }

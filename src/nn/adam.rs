@@ -1,6 +1,6 @@
 //! Adam (Kingma and Ba 2015, algorithm 1) with PyTorch's placement of epsilon.
 
-use super::kernels::Float;
+use super::kernels::{AdamCoefficients, Kernels};
 
 /// Settings of [`Adam`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,11 +25,11 @@ pub struct Adam<T> {
     pub steps: u64,
     /// m, the running mean of the gradient.
     pub first_moment: Vec<T>,
-    /// v, the running mean of its square.
+    /// v, the running mean of the gradient's square.
     pub second_moment: Vec<T>,
 }
 
-impl<T: Float> Adam<T> {
+impl<T: Kernels> Adam<T> {
     /// An optimiser for `parameters` parameters, before its first step.
     pub fn new(config: AdamConfig, parameters: usize) -> Self {
         Self {
@@ -41,7 +41,7 @@ impl<T: Float> Adam<T> {
         }
     }
 
-    /// One step along `gradient`; returns whether every parameter is still finite.
+    /// Takes one step down `gradient`. Returns whether every parameter is still finite.
     ///
     /// ```text
     /// m ← β₁ m + (1 − β₁) g      v ← β₂ v + (1 − β₂) g²
@@ -63,27 +63,8 @@ impl<T: Float> Adam<T> {
     }
 }
 
-/// The numbers of one Adam step, the same for every parameter.
-#[derive(Clone, Copy, Debug)]
-pub struct AdamCoefficients<T> {
-    /// β₁
-    pub beta1: T,
-    /// 1 − β₁
-    pub one_minus_beta1: T,
-    /// β₂
-    pub beta2: T,
-    /// 1 − β₂
-    pub one_minus_beta2: T,
-    /// α / (1 − β₁ᵗ)
-    pub step_size: T,
-    /// 1 / √(1 − β₂ᵗ)
-    pub second_moment_scale: T,
-    /// ε
-    pub epsilon: T,
-}
-
-/// `base` to the power of `exponent` by squaring: multiplications only, because the rounding of `powi` is the
-/// platform's.
+/// `base` to the power of `exponent` by repeated squaring. This takes only multiplications, which every platform rounds
+/// alike. Platforms round `powi` differently.
 fn power(base: f64, exponent: u64) -> f64 {
     let (mut result, mut square, mut rest) = (1.0, base, exponent);
     while rest > 0 {

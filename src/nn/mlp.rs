@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::kernels::scratch_len;
-use super::{Float, NetworkConfig};
+use super::{Kernels, NetworkConfig};
 use crate::rng::Rng;
 
 /// A network of dense layers.
@@ -24,7 +24,7 @@ pub struct Activations<T> {
     scratch: Vec<T>,
 }
 
-impl<T: Float> Activations<T> {
+impl<T: Kernels> Activations<T> {
     /// Room for batches of exactly `batch` rows through a network of these layer sizes.
     pub fn new(sizes: &[usize], batch: usize) -> Self {
         let layers: Vec<_> = sizes.iter().map(|&size| DMatrix::from_element(batch, size, T::ZERO)).collect();
@@ -72,7 +72,7 @@ impl Mlp<f32> {
     }
 }
 
-impl<T: Float> Mlp<T> {
+impl<T: Kernels> Mlp<T> {
     /// A network of these layer sizes (at least input and output) with all parameters 0.
     pub fn zeros(sizes: Vec<usize>) -> Self {
         let mut starts = vec![0];

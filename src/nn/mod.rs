@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 pub use adam::{Adam, AdamConfig};
 pub use init::Init;
-pub use kernels::Float;
+pub use kernels::{Float, Kernels};
 pub use loss::Loss;
 pub use mlp::{Activations, Mlp};
 pub use optimizer::{LearningRateSchedule, OptimizerConfig, clip_norm};

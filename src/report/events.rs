@@ -8,9 +8,6 @@ use serde_json::Value;
 use super::{ReportError, read};
 use crate::trainer::Evaluation;
 
-/// Name of the file of events.
-pub(super) const METRICS: &str = "metrics.jsonl";
-
 /// A statistic's name → (environment steps, value).
 pub(super) type Series = BTreeMap<String, Vec<(u64, f64)>>;
 

@@ -2,19 +2,12 @@
 
 use serde::Serialize;
 
-use crate::env::{CartPole, Environment, TimeLimit};
+use crate::env::Spec;
 use crate::trainer::Evaluation;
 
-/// Mean return from which CartPole-v1 counts as solved.
-pub const THRESHOLD: f64 = TimeLimit::<CartPole>::SOLVED_RETURN;
-
-fn solves(evaluation: &Evaluation) -> bool {
-    evaluation.mean >= THRESHOLD
-}
-
 /// Environment steps before the first evaluation that solves.
-pub fn steps_to_solve(evaluations: &[Evaluation]) -> Option<u64> {
-    evaluations.iter().find(|evaluation| solves(evaluation)).map(|first| first.env_steps)
+pub fn steps_to_solve(evaluations: &[Evaluation], task: &Spec) -> Option<u64> {
+    evaluations.iter().find(|evaluation| task.is_solved_by(evaluation.mean)).map(|first| first.env_steps)
 }
 
 /// What a run kept of a solution.
@@ -31,29 +24,35 @@ pub struct Retention {
 }
 
 /// What a run kept; none if it never solved.
-pub fn retention(evaluations: &[Evaluation]) -> Option<Retention> {
+pub fn retention(evaluations: &[Evaluation], task: &Spec) -> Option<Retention> {
+    let solves = |evaluation: &Evaluation| task.is_solved_by(evaluation.mean);
     let first = evaluations.iter().position(solves)?;
     let after = &evaluations[first + 1..];
     Some(Retention {
         evaluations: after.len(),
         solved: after.iter().filter(|evaluation| solves(evaluation)).count(),
         worst: after.iter().min_by(|a, b| a.mean.total_cmp(&b.mean)).copied(),
-        collapses: collapses(evaluations).count(),
+        collapses: collapses(evaluations, task).count(),
     })
 }
 
 /// The pairs of evaluations in which a solution was lost: the last that solved, and the next.
-pub fn collapses(evaluations: &[Evaluation]) -> impl Iterator<Item = (Evaluation, Evaluation)> + '_ {
-    evaluations.windows(2).filter(|pair| solves(&pair[0]) && !solves(&pair[1])).map(|pair| (pair[0], pair[1]))
+pub fn collapses<'a>(
+    evaluations: &'a [Evaluation],
+    task: &'a Spec,
+) -> impl Iterator<Item = (Evaluation, Evaluation)> + 'a {
+    let is_lost = |a: &Evaluation, b: &Evaluation| task.is_solved_by(a.mean) && !task.is_solved_by(b.mean);
+    evaluations.windows(2).filter(move |pair| is_lost(&pair[0], &pair[1])).map(|pair| (pair[0], pair[1]))
 }
 
-/// The mean returns at the steps of `grid`: of the latest evaluation until then. A run that failed is worth 0 after its
-/// last evaluation, one that ended early keeps its last policy.
-pub fn on_grid(evaluations: &[Evaluation], failed: bool, grid: &[u64]) -> Vec<f64> {
+/// The mean returns at the steps of `grid`: of the latest evaluation until then. After its last evaluation, as before its
+/// first, a run that failed is worth the lowest return of its task. One that ended early keeps its last policy.
+pub fn on_grid(evaluations: &[Evaluation], failed: bool, task: &Spec, grid: &[u64]) -> Vec<f64> {
+    let lowest = task.return_range.0;
     let end = evaluations.last().map_or(0, |last| last.env_steps);
     let value = |&step: &u64| match evaluations.partition_point(|evaluation| evaluation.env_steps <= step) {
-        0 => 0.0,
-        _ if failed && step > end => 0.0,
+        0 => lowest,
+        _ if failed && step > end => lowest,
         count => evaluations[count - 1].mean,
     };
     grid.iter().map(value).collect()

@@ -8,11 +8,13 @@ use serde_json::{Value, json};
 
 use super::panels::{figure, learning};
 use super::portrait::Portrait;
-use super::run::{self, CONFIG, Run};
-use super::study::{self, Study, Table};
+use super::run::{self, Run};
+use super::study::Study;
 use super::svg::{DARK, escaped};
+use super::text::{self, Table};
 use super::{Kind, ReportError, parse, plots};
 use crate::config::{Config, Setting};
+use crate::run::names::{CONFIG, SUMMARY};
 
 const PAGE: &str = include_str!("html/page.html");
 const STYLE: &str = include_str!("html/page.css");
@@ -46,7 +48,7 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
     let runs = named.map(|(folder, name)| Run::read(folder, name)).collect::<Result<Vec<_>, _>>()?;
     let mut portraits = Vec::new();
     for (folder, run) in folders.iter().zip(&runs) {
-        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder)?}));
+        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder, run.environment)?}));
     }
     let title = match &runs[..] {
         [run] => format!("Run {}", run.name),
@@ -73,7 +75,7 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
          <pre>cartpole-dqn train --config config.json --out again</pre>\n",
     );
     for (folder, (name, config)) in folders.iter().zip(&configs) {
-        let hash = parse::<Value>(&folder.join("summary.json")).ok();
+        let hash = parse::<Value>(&folder.join(SUMMARY)).ok();
         if let Some(hash) = hash.as_ref().and_then(|summary| summary["weights_sha256"].as_str()) {
             let _ = writeln!(
                 how,
@@ -92,18 +94,19 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
 fn study_page(folder: &Path) -> Result<String, ReportError> {
     let Study { configs, report, .. } = Study::read(folder)?;
     let mut result = String::new();
-    for Table { title, rows } in study::tables(&report) {
+    for Table { title, rows } in text::tables(&report) {
         let _ = writeln!(result, "<p>{}</p>", escaped(&title));
         result += &table(&rows, 2);
     }
-    for remark in study::remarks(&report) {
+    for remark in text::remarks(&report) {
         let _ = writeln!(result, "<p class=\"note\">{}</p>", escaped(&remark));
     }
     let mut sections = section("Result", &result);
     let drawn = plots::STUDY.iter().map(|(_, draw)| figure(|shape| draw(&report.configs, shape)));
     sections += &section("Plots", &drawn.collect::<String>());
+    let values: Vec<Value> = configs.iter().map(|named| json!(named.config)).collect();
     let configs: Vec<(&str, &Value)> =
-        configs.iter().map(|named| (named.name.as_str(), &named.config)).collect();
+        configs.iter().zip(&values).map(|(named, config)| (named.name.as_str(), config)).collect();
     sections += &section("Configs", &config_tables(&configs));
     let (start, end) = (report.seeds.start, report.seeds.end);
     let files: String = (0..configs.len()).map(|i| format!(" --config {i}.json")).collect();

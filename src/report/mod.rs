@@ -10,7 +10,9 @@ mod ranking;
 mod run;
 pub mod statistics;
 mod study;
+mod summary;
 mod svg;
+mod text;
 
 use std::fmt::Write;
 use std::io;
@@ -19,23 +21,17 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 pub use html::{is_page, page};
-pub use ranking::standing;
+pub use study::standing;
 
 use crate::files::read_text_limited;
-use crate::study::MANIFEST;
+use crate::run::names::{MANIFEST, METRICS};
 use crate::text::visible;
 use crate::trainer::Evaluation;
 
-/// Name of the report.
-pub const REPORT: &str = "report.json";
-/// Name of the table of evaluations.
-pub const EVALUATIONS: &str = "evaluations.csv";
 /// How every `report.json` begins, whatever its version.
 const JSON_START: &str = "{\n  \"format_version\": ";
 /// How the table begins.
 const CSV_START: &str = "config,seed,env_steps,mean_return\n";
-/// Name of a page in the folder that it is about.
-const PAGE: &str = "report.html";
 /// Version of `report.json`.
 pub const FORMAT_VERSION: u32 = 1;
 
@@ -88,14 +84,13 @@ impl Kind {
         if !found.is_dir() {
             return Err(ReportError::new(folder, "is a file; give the directory of a study or of a run"));
         }
-        for (name, kind) in [(MANIFEST, Self::Study), (events::METRICS, Self::Run)] {
+        for (name, kind) in [(MANIFEST, Self::Study), (METRICS, Self::Run)] {
             let path = folder.join(name);
             if path.try_exists().map_err(|error| ReportError::unreadable(&path, &error))? {
                 return Ok(kind);
             }
         }
-        let problem =
-            format!("is neither a study (it has no {MANIFEST}) nor a run (it has no {})", events::METRICS);
+        let problem = format!("is neither a study (it has no {MANIFEST}) nor a run (it has no {})", METRICS);
         Err(ReportError::new(folder, problem))
     }
 }
@@ -111,11 +106,6 @@ impl Report {
             Kind::Run => run::report(folder),
         }
     }
-}
-
-/// Whether a file in a folder is of a report.
-pub fn is_part(name: &std::ffi::OsStr) -> bool {
-    [REPORT, EVALUATIONS, PAGE].into_iter().chain(plots::NAMES).any(|part| name == part)
 }
 
 /// Whether a file that begins like this can be one of a report, a page apart.

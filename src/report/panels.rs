@@ -4,6 +4,7 @@ use super::events::History;
 use super::plots::returns;
 use super::run::Run;
 use super::svg::{Plot, Shape};
+use crate::agent::{STATISTICS, Statistic};
 
 /// (Environment steps, value).
 type Points = Vec<(f64, f64)>;
@@ -11,16 +12,7 @@ type Points = Vec<(f64, f64)>;
 /// Most points of a line are twice as many.
 const COLUMNS: usize = 600;
 
-/// What each statistic is called in a page, the most telling first; the rest comes after [`FOLDED_FROM`].
-const STATISTICS: [(&str, &str); 7] = [
-    ("max_q", "Q-value: the return that the network expects in ordinary states"),
-    ("overestimation", "Overestimation: expected less obtained return"),
-    ("action_gap", "Action gap: Q-value of the best action less that of the other"),
-    ("doomed_max_q", "Q-value one step before the end (the true value is about 1)"),
-    ("gradient_norm", "Norm of the gradient"),
-    ("terminal_share", "Share of terminations in the replay memory"),
-    ("dead_relu_share", "Share of hidden units that are always 0"),
-];
+/// The first so many statistics of a page are seen at once, the others can be unfolded.
 const FOLDED_FROM: usize = 4;
 
 /// A plot in its two sizes, of which the style sheet shows one.
@@ -38,19 +30,20 @@ pub(super) fn figure(draw: impl Fn(Shape) -> Plot) -> String {
 pub(super) fn learning(runs: &[Run]) -> String {
     let ends = runs.iter().flat_map(|run| &run.history.evaluations).map(|evaluation| evaluation.env_steps);
     let end = ends.max().unwrap_or_default() as f64;
-    let statistic = |name: &str, title: &str| {
+    let statistic = |known: &Statistic| {
         let of = |history: &History| {
-            let samples = history.statistics.get(name).into_iter().flatten();
+            let samples = history.statistics.get(known.name).into_iter().flatten();
             samples.map(|&(step, value)| (step as f64, value)).collect()
         };
-        panel(runs, end, title, name == "gradient_norm", of)
+        panel(runs, end, known.title, known.is_logarithmic, of)
     };
     let mut shown = figure(|shape| learning_curve(shape, runs, end));
     shown += &panel(runs, end, "Exploration: ε after an episode", false, |history| history.epsilon.clone());
     shown += &panel(runs, end, "Loss: mean over an episode", true, |history| history.loss.clone());
     let mut folded = String::new();
-    for (i, (name, title)) in STATISTICS.into_iter().enumerate() {
-        *if i < FOLDED_FROM { &mut shown } else { &mut folded } += &statistic(name, title);
+    let drawn = STATISTICS.iter().filter(|statistic| !statistic.title.is_empty());
+    for (i, known) in drawn.enumerate() {
+        *if i < FOLDED_FROM { &mut shown } else { &mut folded } += &statistic(known);
     }
     if !folded.is_empty() {
         shown += &format!(
@@ -62,7 +55,7 @@ pub(super) fn learning(runs: &[Run]) -> String {
 
 /// Of one run with the range of its evaluations; of several one colour for each.
 fn learning_curve(shape: Shape, runs: &[Run], end: f64) -> Plot {
-    let mut plot = returns(shape, "Learning curve", end);
+    let mut plot = returns(shape, "Learning curve", &runs[0].task, end);
     for (series, Run { name, history, .. }) in runs.iter().enumerate() {
         let evaluations: Points = history.evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
         if let [_] = runs {

@@ -1,35 +1,23 @@
 //! The plots of a report.
 
-use super::history::THRESHOLD;
 use super::statistics::Estimate;
-use super::study::ConfigReport;
+use super::summary::ConfigReport;
 use super::svg::{Plot, Shape};
-use crate::env::{CartPole, Environment, TimeLimit};
+use crate::env::Spec;
+use crate::run::names::PLOTS;
 use crate::trainer::Evaluation;
 
-const MAX_RETURN: f64 = TimeLimit::<CartPole>::MAX_RETURN;
-/// The returns a plot shows, with some air above.
-const RETURNS: (f64, f64) = (0.0, MAX_RETURN + 10.0);
 const STEPS: &str = "environment steps";
-
-/// The names of all plots of all reports.
-pub(super) const NAMES: [&str; 5] = [
-    "learning_curves.svg",
-    "performance_profile.svg",
-    "steps_to_solve.svg",
-    "comparison.svg",
-    "learning_curve.svg",
-];
 
 /// Draws one plot of a study.
 type Draw = fn(&[ConfigReport], Shape) -> Plot;
 
 /// The plots of a study: name and how it is drawn.
 pub(super) const STUDY: [(&str, Draw); 4] = [
-    (NAMES[0], learning_curves),
-    (NAMES[1], performance_profile),
-    (NAMES[2], steps_to_solve),
-    (NAMES[3], compare),
+    (PLOTS[0], learning_curves),
+    (PLOTS[1], performance_profile),
+    (PLOTS[2], steps_to_solve),
+    (PLOTS[3], compare),
 ];
 
 /// The files of a study's plots: name and content.
@@ -37,28 +25,50 @@ pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, String)> {
     STUDY.iter().map(|(name, draw)| (*name, draw(configs, Shape::FILE).finish())).collect()
 }
 
+/// The returns that a plot of these tasks shows, with some air above.
+fn range<'a>(tasks: impl Iterator<Item = &'a Spec>) -> (f64, f64) {
+    let (low, high) =
+        tasks.map(|task| task.return_range).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 1.0));
+    (low, high + 0.02 * (high - low))
+}
+
+/// The tasks of the configs.
+fn tasks(configs: &[ConfigReport]) -> impl Iterator<Item = &Spec> {
+    configs.iter().map(|config| &config.task)
+}
+
+/// A level at the mean return that solves, where all tasks have the same.
+fn draw_threshold<'a>(plot: &mut Plot, mut tasks: impl Iterator<Item = &'a Spec>) {
+    let first = tasks.next().and_then(|task| task.solved_return);
+    if let Some(threshold) = first.filter(|_| tasks.all(|task| task.solved_return == first)) {
+        plot.level(threshold, "solved");
+    }
+}
+
 /// The file of a run's plot: its evaluations, and the mean return of the last 100 training episodes.
 pub(super) fn run(
     name: &str,
+    task: &Spec,
     evaluations: &[Evaluation],
     training: &[(f64, f64)],
 ) -> Vec<(&'static str, String)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
-    let mut plot = returns(Shape::FILE, &format!("Learning curve of {name}"), end);
+    let mut plot = returns(Shape::FILE, &format!("Learning curve of {name}"), task, end);
     for (series, (points, text)) in
         [(&points[..], "evaluations"), (training, "last 100 training episodes")].into_iter().enumerate()
     {
         plot.line(series, points);
         plot.legend(series, text);
     }
-    vec![(NAMES[4], plot.finish())]
+    vec![(PLOTS[4], plot.finish())]
 }
 
 /// An empty plot of returns over environment steps.
-pub(super) fn returns(shape: Shape, title: &str, end: f64) -> Plot {
-    let mut plot = Plot::new(shape, title, [STEPS, "mean return"], (0.0, end), RETURNS);
-    plot.level(THRESHOLD, "solved");
+pub(super) fn returns(shape: Shape, title: &str, task: &Spec, end: f64) -> Plot {
+    let returns = range(std::iter::once(task));
+    let mut plot = Plot::new(shape, title, [STEPS, "mean return"], (0.0, end), returns);
+    draw_threshold(&mut plot, std::iter::once(task));
     plot
 }
 
@@ -96,9 +106,9 @@ fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
 fn learning_curves(configs: &[ConfigReport], shape: Shape) -> Plot {
     let points = configs.iter().flat_map(|config| &config.learning_curve).map(|point| &point.iqm);
     let title = with_intervals("Learning curves: IQM over seeds", points, "bootstrap");
-    let mut plot =
-        Plot::new(shape, &title, [STEPS, "mean return of an evaluation"], (0.0, last_step(configs)), RETURNS);
-    plot.level(THRESHOLD, "solved");
+    let (labels, end) = ([STEPS, "mean return of an evaluation"], last_step(configs));
+    let mut plot = Plot::new(shape, &title, labels, (0.0, end), range(tasks(configs)));
+    draw_threshold(&mut plot, tasks(configs));
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
             config.learning_curve.iter().map(|point| (point.env_steps as f64, point.iqm)).collect();
@@ -112,7 +122,9 @@ fn performance_profile(configs: &[ConfigReport], shape: Shape) -> Plot {
     let points = configs.iter().flat_map(|config| &config.performance_profile).map(|point| &point.share);
     let title = with_intervals("Performance profile of the final policies", points, "Wilson");
     let labels = ["mean return τ", "share of seeds above τ"];
-    let mut plot = Plot::new(shape, &title, labels, (0.0, MAX_RETURN), (0.0, 1.02));
+    let (low, _) = range(tasks(configs));
+    let high = tasks(configs).map(|task| task.return_range.1).fold(low, f64::max);
+    let mut plot = Plot::new(shape, &title, labels, (low, high), (0.0, 1.02));
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
             config.performance_profile.iter().map(|point| (point.tau, point.share)).collect();
@@ -143,7 +155,8 @@ fn compare(configs: &[ConfigReport], shape: Shape) -> Plot {
     let title = with_intervals("IQM of the final policies over seeds", iqms, "bootstrap");
     let shape = shape.for_rows(configs.len());
     let rows = configs.len() as f64;
-    let mut plot = Plot::new(shape, &title, ["mean return", ""], RETURNS, (0.0, rows)).without_y_ticks();
+    let returns = range(tasks(configs));
+    let mut plot = Plot::new(shape, &title, ["mean return", ""], returns, (0.0, rows)).without_y_ticks();
     for (series, config) in configs.iter().enumerate() {
         let y = rows - series as f64 - 0.7;
         plot.interval(series, y, config.final_iqm.value, ends(&config.final_iqm), &config.name);

@@ -1,16 +1,11 @@
 //! The configs of a study, the best first, and why trials failed.
 
-use std::fmt::Write;
-use std::path::Path;
-
 use serde::Serialize;
 
-use super::ReportError;
-use super::history::THRESHOLD;
-use super::statistics::{Estimate, LEAST_SEEDS, iqm, mean, sorted};
-use super::study::{Manifest, footnote, read_trials, score, shown};
-use crate::study::Trial;
-use crate::text::{legend, table, visible, wrapped};
+use super::statistics::{Estimate, iqm, mean, shown, sorted};
+use crate::env::Spec;
+use crate::study::{PolicyScore, Trial};
+use crate::text::{legend, table, visible};
 
 /// Most reasons that are printed.
 const MAX_REASONS: usize = 5;
@@ -37,14 +32,19 @@ pub(super) struct Failures {
     seed: u64,
 }
 
+/// A policy's mean return; the lowest of the task where a failed run left no policy.
+pub(super) fn score(policy: Option<&PolicyScore>, task: &Spec) -> f64 {
+    policy.map_or(task.return_range.0, |policy| policy.mean)
+}
+
 impl Ranked {
-    fn of(name: &str, trials: &[Trial]) -> Self {
-        let finals = sorted(trials.iter().map(|trial| score(trial.final_.as_ref())));
+    pub(super) fn of(name: &str, task: &Spec, trials: &[Trial]) -> Self {
+        let finals = sorted(trials.iter().map(|trial| score(trial.final_.as_ref(), task)));
         Self {
             name: name.into(),
             seeds: trials.len(),
             failed: trials.iter().filter(|trial| trial.error.is_some()).count(),
-            solved: finals.iter().filter(|&&score| score >= THRESHOLD).count(),
+            solved: finals.iter().filter(|&&score| task.is_solved_by(score)).count(),
             iqm: Estimate::of(&finals, iqm),
             mean: mean(&finals),
         }
@@ -112,7 +112,8 @@ pub(super) fn failure_lines(failures: &[Failures], trials: usize) -> Vec<String>
         let which = if *trials == 1 { "" } else { "first: " };
         format!("  {trials} ×: {reason} ({which}{config}, seed {seed})")
     };
-    let mut lines = vec![format!("{failed} of {trials} trials failed and count with a return of 0:")];
+    let mut lines =
+        vec![format!("{failed} of {trials} trials failed and count with the lowest return of the task:")];
     lines.extend(failures.iter().take(MAX_REASONS).map(line));
     if failures.len() > MAX_REASONS {
         lines.push(format!("  … and {} other reasons; report.json has all", failures.len() - MAX_REASONS));
@@ -125,26 +126,4 @@ pub(super) fn named_table(rows: &[Vec<String>]) -> String {
     let table = table(rows);
     let legend = legend(rows, &table);
     table + &legend
-}
-
-/// The result of the study in a directory, as it is printed when it ends.
-///
-/// # Errors
-/// When it is no study, nothing has been finished in it, or a file in it is damaged.
-pub fn standing(folder: &Path) -> Result<String, ReportError> {
-    let manifest = Manifest::read(folder)?;
-    let groups = read_trials(folder, &manifest)?;
-    let ranked: Vec<Ranked> = groups.iter().map(|trials| Ranked::of(&trials[0].config, trials)).collect();
-    let order = order(ranked.iter());
-    let mut text = format!("{HEADING}\n{}", named_table(&rows(order.iter().map(|&i| &ranked[i]))));
-    let trials = groups.iter().flatten();
-    for line in failure_lines(&failures(trials.clone()), trials.count()) {
-        text += &wrapped(&line, 7);
-    }
-    text += &wrapped(&footnote(ranked.iter().any(|config| config.iqm.low.is_some())), 0);
-    if ranked.iter().any(|config| config.seeds < LEAST_SEEDS) {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "With fewer than {LEAST_SEEDS} seeds there are no 95 % intervals.");
-    }
-    Ok(text)
 }

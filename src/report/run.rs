@@ -5,13 +5,14 @@ use std::path::{Component, Path, PathBuf};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::events::{History, METRICS, Series};
-use super::history::{self, Retention, THRESHOLD};
-use super::{EVALUATIONS, FORMAT_VERSION, Report, ReportError, csv, parse, plots};
+use super::events::{History, Series};
+use super::history::{self, Retention};
+use super::{FORMAT_VERSION, Report, ReportError, csv, parse, plots};
+use crate::env::Spec;
+use crate::env::catalogue::EnvironmentId;
+use crate::run::names::{CONFIG, EVALUATIONS, METRICS};
 use crate::text::{visible, wrapped};
 use crate::trainer::Evaluation;
-
-pub(super) const CONFIG: &str = "config.json";
 
 /// Samples of a statistic that its usual range is taken from, at least and at most.
 const BASELINE: std::ops::RangeInclusive<usize> = 5..=20;
@@ -25,7 +26,7 @@ const MOVED: f64 = 4.0;
 pub(super) struct RunReport {
     format_version: u32,
     kind: &'static str,
-    threshold: f64,
+    threshold: Option<f64>,
     pub(super) seed: u64,
     pub(super) ended: bool,
     evaluations: usize,
@@ -52,9 +53,9 @@ struct Training {
 
 impl Training {
     /// From (environment steps, mean return of the last 100) of every episode.
-    fn of(episodes: &[(f64, f64)]) -> Option<Self> {
+    fn of(episodes: &[(f64, f64)], task: &Spec) -> Option<Self> {
         let (_, mean_return_100) = *episodes.last()?;
-        let solved = episodes.iter().skip(EPISODES - 1).find(|(_, mean)| *mean >= THRESHOLD);
+        let solved = episodes.iter().skip(EPISODES - 1).find(|(_, mean)| task.is_solved_by(*mean));
         let solved_at_step = solved.map(|&(env_steps, _)| env_steps as u64);
         Some(Self { episodes: episodes.len(), mean_return_100, solved_at_step })
     }
@@ -86,13 +87,20 @@ pub(super) struct Run {
     /// The end of its directory's path: as much as tells it from the others, as it can be shown.
     pub(super) name: String,
     pub(super) config: Value,
+    pub(super) environment: EnvironmentId,
+    pub(super) task: Spec,
     pub(super) history: History,
     pub(super) report: RunReport,
 }
 
 impl Run {
     pub(super) fn read(folder: &Path, name: String) -> Result<Self, ReportError> {
-        let config: Value = parse(&folder.join(CONFIG))?;
+        let path = folder.join(CONFIG);
+        let config: Value = parse(&path)?;
+        // Not the whole config: another version may have written it.
+        let environment = serde_json::from_value::<EnvironmentId>(config["environment"].clone());
+        let environment = environment.map_err(|error| ReportError::new(&path, error))?;
+        let task = environment.spec();
         let path = folder.join(METRICS);
         let history = History::read(&path)?;
         let evaluations = &history.evaluations;
@@ -105,21 +113,21 @@ impl Run {
         let mut report = RunReport {
             format_version: FORMAT_VERSION,
             kind: "run",
-            threshold: THRESHOLD,
+            threshold: task.solved_return,
             seed: config["seed"].as_u64().unwrap_or_default(),
             ended: history.ended,
             evaluations: evaluations.len(),
-            solved_at_step: history::steps_to_solve(evaluations),
+            solved_at_step: history::steps_to_solve(evaluations, &task),
             best,
             final_,
             area_under_curve: history::area_under_curve(&grid, &curve),
-            training: Training::of(&history.training),
-            retention: history::retention(evaluations),
-            collapses: history.collapses(),
+            training: Training::of(&history.training, &task),
+            retention: history::retention(evaluations, &task),
+            collapses: history.collapses(&task),
             statements: Vec::new(),
         };
-        report.statements = statements(&report, !history.statistics.is_empty());
-        Ok(Self { name, config, history, report })
+        report.statements = statements(&report, &task, !history.statistics.is_empty());
+        Ok(Self { name, config, environment, task, history, report })
     }
 }
 
@@ -147,31 +155,31 @@ pub(super) fn names(folders: &[PathBuf]) -> Result<Vec<String>, ReportError> {
 /// The report of the run in a folder.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
     let name = names(&[folder.to_owned()])?.concat();
-    let Run { name, history, report, .. } = Run::read(folder, name)?;
+    let Run { name, task, history, report, .. } = Run::read(folder, name)?;
     let rows = csv(std::iter::once((name.as_str(), report.seed, &history.evaluations[..])));
     let mut files = vec![(EVALUATIONS, rows)];
-    files.extend(plots::run(&name, &history.evaluations, &history.training));
+    files.extend(plots::run(&name, &task, &history.evaluations, &history.training));
     let text = report.statements.iter().map(|statement| wrapped(statement, 2)).collect();
     Ok(Report { text, json: json!(report), files })
 }
 
 impl History {
-    fn collapses(&self) -> Vec<Collapse> {
+    fn collapses(&self, task: &Spec) -> Vec<Collapse> {
         let collapse = |(before, after): (Evaluation, Evaluation)| {
             let is_later = |evaluation: &&Evaluation| evaluation.env_steps > after.env_steps;
             let mut later = self.evaluations.iter().filter(is_later);
             let is_end = |evaluation: &&Evaluation| {
-                evaluation.env_steps <= before.env_steps && evaluation.mean < THRESHOLD
+                evaluation.env_steps <= before.env_steps && !task.is_solved_by(evaluation.mean)
             };
             let solved_since = self.evaluations.iter().rev().find(is_end).map_or(0, |last| last.env_steps);
             Collapse {
                 before,
                 after,
-                recovered: later.find(|evaluation| evaluation.mean >= THRESHOLD).copied(),
+                recovered: later.find(|evaluation| task.is_solved_by(evaluation.mean)).copied(),
                 moved_first: moved_first(&self.statistics, solved_since, after.env_steps),
             }
         };
-        history::collapses(&self.evaluations).map(collapse).collect()
+        history::collapses(&self.evaluations, task).map(collapse).collect()
     }
 }
 
@@ -206,7 +214,7 @@ fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Optio
     })
 }
 
-fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
+fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<String> {
     let at = |evaluation: &Evaluation| {
         format!("mean return {:.1} at step {}", evaluation.mean, evaluation.env_steps)
     };
@@ -214,12 +222,12 @@ fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
     let mut said = Vec::new();
     match report.solved_at_step {
         None => said.push(format!(
-            "never learned: the best of {evaluations} evaluations is {}, and {THRESHOLD} solves",
-            at(best)
+            "never learned: the best of {evaluations} evaluations is {}, and {} solves",
+            at(best),
+            task.goal()
         )),
-        Some(step) => {
-            said.push(format!("solved at step {step}: the first of {evaluations} evaluations ≥ {THRESHOLD}"))
-        }
+        Some(step) => said
+            .push(format!("solved at step {step}: the first of {evaluations} evaluations {}", task.goal())),
     }
     for collapse in &report.collapses {
         let Collapse { before, after, recovered, moved_first } = collapse;
@@ -252,8 +260,8 @@ fn statements(report: &RunReport, has_statistics: bool) -> Vec<String> {
     if let Some(Training { episodes, mean_return_100, solved_at_step }) = &report.training {
         let solved = match solved_at_step {
             _ if *episodes < EPISODES => format!("the classic criterion takes {EPISODES}"),
-            Some(step) => format!("solved by the classic criterion, ≥ {THRESHOLD}, first at step {step}"),
-            None => format!("not once ≥ {THRESHOLD}, the classic criterion"),
+            Some(step) => format!("solved by the classic criterion, {}, first at step {step}", task.goal()),
+            None => format!("not once {}, the classic criterion", task.goal()),
         };
         let count = EPISODES.min(*episodes);
         said.push(format!(

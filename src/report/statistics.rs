@@ -149,3 +149,11 @@ fn resample(sample: &[f64], rng: &mut Rng, resampled: &mut Vec<f64>) {
         resampled.extend((0..count).map(|_| value));
     }
 }
+
+/// `value [low, high]`.
+pub(super) fn shown(estimate: &Estimate, digits: usize) -> String {
+    match (estimate.low, estimate.high) {
+        (Some(low), Some(high)) => format!("{:.digits$} [{low:.digits$}, {high:.digits$}]", estimate.value),
+        _ => format!("{:.digits$}", estimate.value),
+    }
+}

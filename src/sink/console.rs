@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::trainer::Budget;
-use crate::trainer::event::{Event, EventSink};
+use crate::trainer::{Event, Observer};
 
 /// Shortest time between two plain lines.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
@@ -79,8 +79,8 @@ impl Console {
     }
 }
 
-impl EventSink for Console {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
+impl Observer for Console {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         match *event {
             Event::Episode { env_steps, episode, mean_return_100, epsilon, loss, updates, .. } => {
                 if updates > 0 && self.learning.is_none() {
@@ -129,8 +129,8 @@ impl EpisodeLog {
     }
 }
 
-impl EventSink for EpisodeLog {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
+impl Observer for EpisodeLog {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         if let Event::Episode { episode, return_, epsilon, .. } = *event
             && (episode + 1).is_multiple_of(self.every)
         {

@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::files::{is_at, open_ordinary};
-use crate::trainer::event::{Event, EventSink};
+use crate::trainer::{Event, Observer};
 
 /// Most bytes of a line that are read at once; an event has less than a thousand.
 const MAX_LINE: u64 = 1 << 20;
@@ -84,13 +84,13 @@ impl JsonLines {
     ///
     /// # Errors
     /// When the file cannot be read, or the sink fails.
-    pub fn replay(&mut self, sink: &mut dyn EventSink) -> io::Result<()> {
+    pub fn replay(&mut self, sink: &mut dyn Observer) -> io::Result<()> {
         self.file.rewind()?;
         let mut reader = BufReader::new(&self.file);
         let mut line = Vec::new();
         while (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)? > 0 {
             if let Ok(event) = serde_json::from_slice(&line) {
-                sink.emit(&event)?;
+                sink.event(&event)?;
             }
             line.clear();
         }
@@ -99,14 +99,20 @@ impl JsonLines {
     }
 }
 
-impl EventSink for JsonLines {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
+impl JsonLines {
+    /// Flushes all events to the disk.
+    ///
+    /// # Errors
+    /// When that fails.
+    pub fn sync(&mut self) -> io::Result<()> {
+        self.file.sync_data()
+    }
+}
+
+impl Observer for JsonLines {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         let mut line = serde_json::to_vec(event)?;
         line.push(b'\n');
         self.file.write_all(&line)
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        self.file.sync_data()
     }
 }

@@ -1,11 +1,18 @@
 //! Who takes the events of a run. Sinks see events and nothing else of the trainer.
 
+#[cfg(feature = "cli")]
 mod console;
 mod json_lines;
 mod progress_csv;
+#[cfg(feature = "tensorboard")]
 mod tensorboard;
 
+#[cfg(feature = "cli")]
 pub use console::{Console, EpisodeLog};
 pub use json_lines::JsonLines;
 pub use progress_csv::ProgressCsv;
-pub use tensorboard::{TENSORBOARD_PREFIX, TensorBoard};
+#[cfg(feature = "tensorboard")]
+pub use tensorboard::TensorBoard;
+
+/// What the names of event files for TensorBoard begin with; TensorBoard finds them by it.
+pub const TENSORBOARD_PREFIX: &str = "events.out.tfevents.";

@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
-use crate::trainer::event::{Event, EventSink};
+use crate::trainer::{Event, Observer};
 
 /// Every so many training episodes there is a row.
 const EPISODES: u64 = 10;
@@ -36,8 +36,18 @@ impl ProgressCsv {
     }
 }
 
-impl EventSink for ProgressCsv {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
+impl ProgressCsv {
+    /// Flushes all events to the disk.
+    ///
+    /// # Errors
+    /// When that fails.
+    pub fn sync(&mut self) -> io::Result<()> {
+        self.file.sync_data()
+    }
+}
+
+impl Observer for ProgressCsv {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         let row = match *event {
             Event::Episode {
                 env_steps, episode, return_, mean_return_100, epsilon, loss, updates, ..
@@ -55,9 +65,5 @@ impl EventSink for ProgressCsv {
         };
         // One call per row: a process that is killed leaves whole rows.
         self.file.write_all((row + "\n").as_bytes())
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        self.file.sync_data()
     }
 }

@@ -12,10 +12,8 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crc::{CRC_32_ISCSI, Crc};
 
-use crate::trainer::event::{Event, EventSink};
-
-/// What the names of event files begin with; TensorBoard finds them by it.
-pub const TENSORBOARD_PREFIX: &str = "events.out.tfevents.";
+use super::TENSORBOARD_PREFIX;
+use crate::trainer::{Event, Observer};
 
 /// CRC-32C.
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
@@ -97,8 +95,8 @@ impl TensorBoard {
     }
 }
 
-impl EventSink for TensorBoard {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
+impl Observer for TensorBoard {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         match event {
             Event::Episode { env_steps, length, mean_return_100, epsilon, loss, updates, .. } => {
                 let env_steps = *env_steps;
@@ -130,20 +128,11 @@ impl EventSink for TensorBoard {
                 self.write_scalars(*env_steps, &scalars)?;
                 self.file.flush()
             }
-            Event::Statistics { env_steps, overestimation, agent } => {
-                let [td_error_q10, td_error_q50, td_error_q90] = agent.td_error_quantiles;
-                let scalars = [
-                    ("diagnostics/overestimation", *overestimation),
-                    ("diagnostics/terminal_share", agent.terminal_share),
-                    ("diagnostics/max_q", agent.max_q),
-                    ("diagnostics/action_gap", agent.action_gap),
-                    ("diagnostics/doomed_max_q", agent.doomed_max_q),
-                    ("diagnostics/gradient_norm", agent.gradient_norm),
-                    ("diagnostics/td_error_q10", td_error_q10),
-                    ("diagnostics/td_error_q50", td_error_q50),
-                    ("diagnostics/td_error_q90", td_error_q90),
-                    ("diagnostics/dead_relu_share", agent.dead_relu_share),
-                ];
+            Event::Statistics { env_steps, numbers } => {
+                let tags: Vec<String> =
+                    numbers.0.iter().map(|(name, _)| format!("diagnostics/{name}")).collect();
+                let scalars: Vec<_> =
+                    tags.iter().zip(&numbers.0).map(|(tag, (_, number))| (tag.as_str(), *number)).collect();
                 self.write_scalars(*env_steps, &scalars)?;
                 self.file.flush()
             }

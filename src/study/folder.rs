@@ -12,10 +12,9 @@ use crate::files::{
     create_folders, is_at, is_unfinished, open_ordinary, read_text_limited, remove_empty, remove_unfinished,
     write_json, write_json_new, write_whole,
 };
+use crate::run::names::MANIFEST;
 use crate::text::shown;
 
-/// Name of the file that says what a study runs.
-pub const MANIFEST: &str = "study.json";
 const TRIALS: &str = "trials";
 /// Largest file of a study that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 26;

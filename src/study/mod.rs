@@ -8,49 +8,65 @@ mod trial;
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::thread;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::config::Config;
+use crate::env::{Make, Spec};
 
-pub use folder::{MANIFEST, StudyDir, StudyError, finished_seeds, read_trial, trial_path};
-pub use trial::{ENDURANCE_STEPS, PolicyScore, SCORE_EPISODES, SCORE_SEED, Trial};
+pub use folder::{StudyDir, StudyError, finished_seeds, read_trial, trial_path};
+pub use trial::{ENDURANCE_STEPS, PolicyScore, SCORE_EPISODES, Trial};
 
 /// Version of the files of a study.
 pub const FORMAT_VERSION: u32 = 1;
 
 /// What a study runs. Serialised it is the manifest, `study.json`.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Study {
     /// [`FORMAT_VERSION`].
     pub format_version: u32,
     /// The program's version: another one may train with other bits.
-    pub version: &'static str,
+    pub version: String,
     /// The configs, each with a name of its own.
     pub configs: Vec<NamedConfig>,
     /// The seeds that each config is trained with.
     pub seeds: Range<u64>,
     /// Whether policies are scored over [`ENDURANCE_STEPS`] steps too.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub endurance: bool,
 }
 
 /// One config of a study.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct NamedConfig {
     /// How reports call it.
     pub name: String,
     /// The config; its seed is 0 and replaced by that of the trial.
     pub config: Config,
+    /// What is known of its task: a report needs the thresholds, and starts no environment.
+    pub task: Spec,
+}
+
+impl NamedConfig {
+    /// The config in its own environment.
+    pub fn new(name: String, config: Config) -> Self {
+        Self { name, task: config.environment.spec(), config }
+    }
 }
 
 impl Study {
     /// A study of configs with different names.
     pub fn new(mut configs: Vec<NamedConfig>, seeds: Range<u64>, endurance: bool) -> Self {
         configs.iter_mut().for_each(|named| named.config.seed = 0);
-        Self { format_version: FORMAT_VERSION, version: env!("CARGO_PKG_VERSION"), configs, seeds, endurance }
+        Self {
+            format_version: FORMAT_VERSION,
+            version: env!("CARGO_PKG_VERSION").into(),
+            configs,
+            seeds,
+            endurance,
+        }
     }
 
     /// Every trial as (index of its config, seed): the configs take turns, so that an unfinished study compares them on
@@ -71,6 +87,21 @@ impl StudyDir {
         study: &Study,
         jobs: usize,
         stop: &AtomicBool,
+        done: impl FnMut(&Trial),
+    ) -> Result<(), StudyError> {
+        self.run_in(study, &|config| config.make(), jobs, stop, done)
+    }
+
+    /// As [`Self::run`], in the environments that `make` has for the configs.
+    ///
+    /// # Errors
+    /// See there.
+    pub fn run_in(
+        &self,
+        study: &Study,
+        make: &(dyn Fn(&Config) -> Arc<Make> + Sync),
+        jobs: usize,
+        stop: &AtomicBool,
         mut done: impl FnMut(&Trial),
     ) -> Result<(), StudyError> {
         let pending: Vec<_> = study.trials().filter(|&trial| !self.has(trial)).collect();
@@ -84,7 +115,9 @@ impl StudyDir {
                     let sender = sender;
                     while !failed.load(Ordering::Relaxed)
                         && let Some(&(config, seed)) = pending.get(next.fetch_add(1, Ordering::Relaxed))
-                        && let Some(trial) = Trial::run(&study.configs[config], seed, study.endurance, stop)
+                        && let named = &study.configs[config]
+                        && let Some(trial) =
+                            Trial::run(named, make(&named.config), seed, study.endurance, stop)
                     {
                         let written = self.write((config, seed), &trial).map(|()| trial);
                         // The receiver outlives the threads.

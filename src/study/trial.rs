@@ -1,18 +1,19 @@
 //! One trial: a config trained with a seed, and what became of it.
 
 use std::io;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::NamedConfig;
-use crate::env::{CartPole, Environment, TimeLimit};
-use crate::nn::Mlp;
-use crate::trainer::{EndReason, Evaluation, Event, EventSink, Score, Trainer, evaluate};
+use crate::agent::Policy;
+use crate::env::{EnvironmentError, Make, Spec};
+use crate::trainer::{
+    EndReason, Evaluation, Event, Observer, SCORE_SEED, Score, TrainError, Trainer, evaluate,
+};
 
-/// Gymnasium seed of the first episode that scores a policy, that of `eval`: not those that chose the best.
-pub const SCORE_SEED: u64 = 2_000_000;
 /// Episodes that score a policy, as many as `eval` plays.
 pub const SCORE_EPISODES: u64 = 100;
 /// Steps that a policy must last in a study of endurance: 400 s, in which a cart that drifts has left the track.
@@ -60,73 +61,101 @@ pub struct PolicyScore {
 }
 
 impl PolicyScore {
-    fn new(policy: &Mlp<f32>, env_steps: u64, endurance: bool) -> Self {
-        let limit = if endurance { ENDURANCE_STEPS } else { CartPole::MAX_STEPS };
-        let lengths = evaluate(policy, &CartPole::limited(limit), SCORE_SEED, SCORE_EPISODES);
-        // The first 500 steps of a longer episode are those of CartPole-v1, and every step is worth 1.
-        let returns: Vec<f64> =
-            lengths.iter().map(|length| length.min(TimeLimit::<CartPole>::MAX_RETURN)).collect();
+    fn new(
+        policy: &Policy,
+        make: &Make,
+        spec: &Spec,
+        env_steps: u64,
+        endurance: bool,
+    ) -> Result<Self, EnvironmentError> {
+        let max_steps = if endurance { ENDURANCE_STEPS.max(spec.max_steps) } else { spec.max_steps };
+        let played = evaluate(policy, make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
+        let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
         let Score { mean, std, min, median, max, .. } = Score::new(&returns);
-        let endured = lengths.iter().filter(|&&length| length >= f64::from(ENDURANCE_STEPS)).count();
-        Self { env_steps, mean, std, min, median, max, endured: endurance.then_some(endured as u64) }
+        let endured = played.iter().filter(|episode| episode.steps >= u64::from(ENDURANCE_STEPS)).count();
+        let endured = endurance.then_some(endured as u64);
+        Ok(Self { env_steps, mean, std, min, median, max, endured })
     }
 
     /// Whether the policy lasts in every episode; none where the study does not ask.
     pub fn endures(&self) -> Option<bool> {
         self.endured.map(|endured| endured == SCORE_EPISODES)
     }
-
-    /// Whether it solves CartPole-v1.
-    pub fn solves(&self) -> bool {
-        self.mean >= TimeLimit::<CartPole>::SOLVED_RETURN
-    }
 }
 
 impl Trial {
     /// Trains the config with the seed and scores what it came to; none if `stop` was set before that.
-    pub(super) fn run(named: &NamedConfig, seed: u64, endurance: bool, stop: &AtomicBool) -> Option<Self> {
+    pub(super) fn run(
+        named: &NamedConfig,
+        make: Arc<Make>,
+        seed: u64,
+        endurance: bool,
+        stop: &AtomicBool,
+    ) -> Option<Self> {
         let mut config = named.config.clone();
         config.seed = seed;
-        let environment = config.make_environment();
-        let mut trainer = Trainer::new(config, environment);
-        let mut evaluations = Evaluations(Vec::new());
-        let ended = trainer.run(&mut evaluations, None, stop);
-        if matches!(ended, Ok(EndReason::Interrupted)) {
-            return None;
+        let mut trial = Self {
+            config: named.name.clone(),
+            seed,
+            error: None,
+            summary: None,
+            best: None,
+            final_: None,
+            evaluations: Vec::new(),
+        };
+        match config.make_trainer_in(Arc::clone(&make)).map_err(TrainError::from) {
+            Ok(mut trainer) => {
+                let mut evaluations = Evaluations(Vec::new());
+                let ended = trainer.run(&mut evaluations, stop);
+                trial.evaluations = evaluations.0;
+                if matches!(ended, Ok(EndReason::Interrupted)) {
+                    return None;
+                }
+                let scored = trial.score(&trainer, &*make, ended.as_ref().ok().copied(), endurance);
+                trial.error = ended.err().or(scored.err()).map(|error| error.to_string());
+            }
+            Err(error) => trial.error = Some(error.to_string()),
         }
-        let Evaluations(evaluations) = evaluations;
-
-        let progress = trainer.progress();
-        let score = |policy: &Mlp<f32>, evaluation: Option<Evaluation>| {
-            Some(PolicyScore::new(policy, evaluation?.env_steps, endurance))
-        };
-        let best = trainer.best_policy().and_then(|policy| score(policy, progress.best_evaluation));
-        let final_ = match &ended {
-            Err(_) => None,
-            // One policy needs one score.
-            Ok(_) if progress.best_evaluation == progress.last_evaluation => best.clone(),
-            Ok(_) => score(&trainer.agent().policy(), progress.last_evaluation),
-        };
-        let summary = ended.as_ref().ok().map(|&reason| {
-            let mut summary = json!(trainer.summary(reason, 0.0));
-            summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
-            summary
-        });
-        let error = ended.err().map(|error| error.to_string());
-        Some(Self { config: named.name.clone(), seed, error, summary, best, final_, evaluations })
+        Some(trial)
     }
 
-    /// Whether the final policy solves CartPole-v1.
-    pub fn solved(&self) -> bool {
-        self.final_.as_ref().is_some_and(PolicyScore::solves)
+    /// Scores the best policy of a run, and the last one and the whole of a run that did not fail.
+    fn score(
+        &mut self,
+        trainer: &Trainer,
+        make: &Make,
+        end_reason: Option<EndReason>,
+        endurance: bool,
+    ) -> Result<(), TrainError> {
+        let (progress, spec) = (trainer.progress(), trainer.spec());
+        let score = |policy: &Policy, evaluation: Evaluation| {
+            PolicyScore::new(policy, make, spec, evaluation.env_steps, endurance)
+        };
+        let best = trainer.best_policy().zip(progress.best_evaluation);
+        self.best = best.map(|(policy, evaluation)| score(policy, evaluation)).transpose()?;
+        let Some(reason) = end_reason else { return Ok(()) };
+        self.final_ = match progress.last_evaluation {
+            // One policy needs one score.
+            last if last == progress.best_evaluation => self.best.clone(),
+            last => last.map(|last| score(&trainer.agent().policy(), last)).transpose()?,
+        };
+        let mut summary = json!(trainer.summary(reason, 0.0));
+        summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
+        self.summary = Some(summary);
+        Ok(())
+    }
+
+    /// Whether the final policy solves the task.
+    pub fn solved(&self, spec: &Spec) -> bool {
+        self.final_.as_ref().is_some_and(|score| spec.is_solved_by(score.mean))
     }
 }
 
 /// Keeps the evaluations of a run and lets everything else go.
 struct Evaluations(Vec<Evaluation>);
 
-impl EventSink for Evaluations {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
+impl Observer for Evaluations {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         if let Event::Evaluation { env_steps, mean, .. } = *event {
             self.0.push(Evaluation { env_steps, mean });
         }

@@ -1,146 +1,145 @@
 //! Playing episodes without learning, and what their returns amount to.
 
-use std::convert::Infallible;
-
 use serde::Serialize;
 
-use crate::agent::{Greedy, Policy, Probes};
-use crate::env::{Environment, Step};
-use crate::nn::Mlp;
+use crate::agent::{Actor, Played, Policy, Probes};
+use crate::env::scene::Scene;
+use crate::env::{Environment, EnvironmentError, Make, Outcome, Start};
 use crate::rng::Rng;
 
 /// Most episodes that are played at the same time.
 const LOCKSTEP: u64 = 128;
 
-/// Plays a network's greedy policy in `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as
-/// Gymnasium's `reset(seed=…)` starts them, and returns their undiscounted returns.
+/// Plays a policy greedily in `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as Gymnasium's
+/// `reset(seed=…)` starts them, each truncated after `max_steps` steps. Returns are those of the first steps, as many as the
+/// environment's own limit allows. `gamma` is the discount of [`Played::discounted`].
 ///
 /// Episodes run in lockstep, as one batch, with the same bits as one by one ([`play`]).
-pub fn evaluate<E: Environment>(
-    network: &Mlp<f32>,
-    environment: &E,
-    first_seed: u64,
-    episodes: u64,
-) -> Vec<f64> {
-    let played = evaluate_discounted(network, environment, first_seed, episodes, 1.0);
-    played.into_iter().map(|episode| episode.total).collect()
-}
-
-/// An episode's return, the same discounted, and what the network expected of its start.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Played {
-    /// Undiscounted return.
-    pub total: f64,
-    /// Σ γᵗ rₜ
-    pub discounted: f64,
-    /// max_a Q of the first observation.
-    pub expected: f64,
-}
-
-/// As [`evaluate`], with what else can be said of the episodes.
-pub fn evaluate_discounted<E: Environment>(
-    network: &Mlp<f32>,
-    environment: &E,
+///
+/// # Errors
+/// When the environment fails.
+pub fn evaluate(
+    policy: &Policy,
+    make: &Make,
+    max_steps: u32,
     first_seed: u64,
     episodes: u64,
     gamma: f64,
-) -> Vec<Played> {
-    let starts = (0..episodes).step_by(LOCKSTEP as usize);
-    starts
-        .flat_map(|start| {
-            let first_seed = first_seed.wrapping_add(start);
-            lockstep(network, environment, first_seed, LOCKSTEP.min(episodes - start), gamma)
-        })
-        .collect()
+) -> Result<Vec<Played>, EnvironmentError> {
+    let mut played = Vec::new();
+    for start in (0..episodes).step_by(LOCKSTEP as usize) {
+        let seeds = (start..episodes.min(start + LOCKSTEP)).map(|episode| first_seed.wrapping_add(episode));
+        played.extend(lockstep(policy, make, max_steps, seeds, gamma)?);
+    }
+    Ok(played)
 }
 
-fn lockstep<E: Environment>(
-    network: &Mlp<f32>,
-    environment: &E,
-    first_seed: u64,
-    episodes: u64,
+/// An episode that is being played.
+struct Playing {
+    index: usize,
+    environment: Box<dyn Environment>,
+    observation: Vec<f32>,
+}
+
+fn lockstep(
+    policy: &Policy,
+    make: &Make,
+    max_steps: u32,
+    seeds: impl Iterator<Item = u64>,
     gamma: f64,
-) -> Vec<Played> {
-    let mut played = vec![Played::default(); episodes as usize];
-    // What is still being played: index, environment and latest observation.
-    let mut playing: Vec<(usize, E, E::Observation)> = (0..episodes)
-        .map(|episode| {
-            let mut environment = environment.clone();
-            let observation = environment.reset(&mut Rng::from_seed(first_seed.wrapping_add(episode)));
-            (episode as usize, environment, observation)
-        })
-        .collect();
-    let mut policy = Greedy::new(network.clone(), playing.len());
-    let (mut discount, mut starts) = (1.0, true);
+) -> Result<Vec<Played>, EnvironmentError> {
+    let mut playing = Vec::new();
+    for (index, seed) in seeds.enumerate() {
+        let mut environment = make(max_steps)?;
+        let mut observation = vec![0.0; environment.spec().observation_size];
+        environment.reset(Start::Seed(seed), &mut observation)?;
+        playing.push(Playing { index, environment, observation });
+    }
+    let mut played = vec![Played::default(); playing.len()];
+    let mut greedy = policy.greedy(playing.len());
+    let mut discount = 1.0;
+    let mut failed = None;
     while !playing.is_empty() {
         // Ended episodes stay in the batch. It is rebuilt when half of it has ended.
-        if playing.len() <= policy.batch() / 2 {
-            policy = Greedy::new(network.clone(), playing.len());
+        if playing.len() <= greedy.batch() / 2 {
+            greedy = policy.greedy(playing.len());
         }
-        policy.see(playing.iter().map(|(_, _, observation)| observation.as_ref()));
+        greedy.forward_batch(playing.iter().map(|episode| &episode.observation[..]));
         let mut place = 0;
-        playing.retain_mut(|(episode, environment, observation)| {
-            let action = policy.action(place);
-            let step = environment.step(action);
-            let played = &mut played[*episode];
-            if starts {
-                played.expected = policy.q_value(place, action);
+        playing.retain_mut(|Playing { index, environment, observation }| {
+            let action = greedy.action(place);
+            let played = &mut played[*index];
+            if played.steps == 0 {
+                played.expected = greedy.q_value(place, action);
             }
             place += 1;
-            played.total += f64::from(step.reward);
-            played.discounted += discount * f64::from(step.reward);
-            *observation = step.observation.clone();
-            !step.ended()
+            let outcome = match environment.step(action, observation) {
+                Ok(outcome) => outcome,
+                Err(error) => {
+                    failed = Some(error);
+                    return false;
+                }
+            };
+            if played.steps < u64::from(environment.spec().max_steps) {
+                played.total += outcome.reward;
+            }
+            played.discounted += discount * outcome.reward;
+            played.steps += 1;
+            played.terminated = outcome.terminated;
+            !outcome.ended()
         });
+        if let Some(error) = failed {
+            return Err(error);
+        }
         discount *= gamma;
-        starts = false;
     }
-    played
+    Ok(played)
 }
 
 /// One step of an episode that is being played.
 #[derive(Debug)]
-pub struct TraceStep<'a, O> {
+pub struct TraceStep<'a> {
     /// Steps before this one.
     pub step: u64,
-    /// The environment's state before the action.
+    /// What the environment shows before the action: its state, or else the observation.
     pub state: &'a [f64],
     /// The action.
     pub action: usize,
     /// The policy's Q-values for the observation before the action; empty if it has none.
     pub q_values: Vec<f32>,
     /// What the action brought.
-    pub outcome: &'a Step<O>,
+    pub outcome: Outcome,
+}
+
+/// The environment's state, or the observation of one that shows none.
+fn state_of(environment: &dyn Environment, observation: &[f32]) -> Vec<f64> {
+    let shown = || observation.iter().map(|&value| f64::from(value)).collect();
+    environment.state().map_or_else(shown, <[f64]>::to_vec)
 }
 
 /// Plays one episode, shows every step to `watch`, and returns the undiscounted return.
 ///
 /// # Errors
-/// The first error of `watch`, which ends the episode.
-pub fn play<E: Environment, X>(
-    policy: &mut impl Policy,
-    mut environment: E,
+/// The first error of the environment or of `watch`, which ends the episode.
+pub fn play<X: From<EnvironmentError>>(
+    actor: &mut impl Actor,
+    environment: &mut dyn Environment,
     seed: u64,
-    mut watch: impl FnMut(TraceStep<'_, E::Observation>) -> Result<(), X>,
+    mut watch: impl FnMut(TraceStep<'_>) -> Result<(), X>,
 ) -> Result<f64, X> {
-    let mut observation = environment.reset(&mut Rng::from_seed(seed));
+    let mut observation = vec![0.0; environment.spec().observation_size];
+    environment.reset(Start::Seed(seed), &mut observation)?;
     let mut total = 0.0;
     for step in 0.. {
-        let before = environment.clone();
-        let action = policy.act(observation.as_ref());
-        let outcome = environment.step(action);
-        total += f64::from(outcome.reward);
-        watch(TraceStep {
-            step,
-            state: before.state(),
-            action,
-            q_values: policy.q_values(),
-            outcome: &outcome,
-        })?;
+        let state = state_of(environment, &observation);
+        let action = actor.act(&observation);
+        let q_values = actor.q_values();
+        let outcome = environment.step(action, &mut observation)?;
+        total += outcome.reward;
+        watch(TraceStep { step, state: &state, action, q_values, outcome })?;
         if outcome.ended() {
             break;
         }
-        observation = outcome.observation;
     }
     Ok(total)
 }
@@ -148,29 +147,38 @@ pub fn play<E: Environment, X>(
 /// One moment of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// The environment's state.
+    /// The environment's state, or the observation of one that shows none.
     pub state: Vec<f64>,
+    /// What the environment looks like; none if it has no picture.
+    pub scene: Option<Scene>,
     /// The action that was taken in it; none at the end.
     pub action: Option<usize>,
     /// The Q-values on which it was taken; empty at the end.
     pub q_values: Vec<f32>,
 }
 
-/// Plays one episode of a policy and keeps it. The state of the last frame is in f32.
-pub fn record<E: Environment>(policy: &mut impl Policy, environment: E, seed: u64) -> Vec<Frame> {
+/// Plays one episode of a policy and keeps it.
+///
+/// # Errors
+/// When the environment fails.
+pub fn record(
+    actor: &mut impl Actor,
+    environment: &mut dyn Environment,
+    seed: u64,
+) -> Result<Vec<Frame>, EnvironmentError> {
+    let mut observation = vec![0.0; environment.spec().observation_size];
+    environment.reset(Start::Seed(seed), &mut observation)?;
     let mut frames = Vec::new();
-    let mut last = Vec::new();
-    let played = play(policy, environment, seed, |traced| {
-        let TraceStep { state, action, q_values, outcome, .. } = traced;
-        frames.push(Frame { state: state.to_vec(), action: Some(action), q_values });
-        last = outcome.observation.as_ref().iter().map(|&value| f64::from(value)).collect();
-        Ok::<_, Infallible>(())
-    });
-    match played {
-        Ok(_) => frames.push(Frame { state: last, action: None, q_values: Vec::new() }),
-        Err(never) => match never {},
+    loop {
+        let (state, scene) = (state_of(environment, &observation), environment.scene());
+        let action = actor.act(&observation);
+        frames.push(Frame { state, scene, action: Some(action), q_values: actor.q_values() });
+        if environment.step(action, &mut observation)?.ended() {
+            let (state, scene) = (state_of(environment, &observation), environment.scene());
+            frames.push(Frame { state, scene, action: None, q_values: Vec::new() });
+            return Ok(frames);
+        }
     }
-    frames
 }
 
 /// What a set of returns amounts to.
@@ -231,25 +239,27 @@ const PROBES: usize = 128;
 
 /// Probes from episodes of the random policy: every observation is an ordinary one, and the last before a termination
 /// is doomed.
-pub(super) fn probes<E: Environment>(environment: &E) -> Probes {
+pub(super) fn probes(make: &Make, max_steps: u32) -> Result<Probes, EnvironmentError> {
     let mut probes = Probes::default();
+    let mut environment = make(max_steps)?;
+    let num_actions = environment.spec().num_actions as u64;
+    let mut observation = vec![0.0; environment.spec().observation_size];
     for episode in 0..PROBES as u64 {
         let mut rng = Rng::from_seed(PROBE_SEED + episode);
-        let mut environment = environment.clone();
-        let mut observation = environment.reset(&mut rng);
+        environment.reset(Start::Stream(&mut rng), &mut observation)?;
         loop {
             if probes.ordinary.len() < PROBES {
-                probes.ordinary.push(observation.as_ref().to_vec());
+                probes.ordinary.push(observation.clone());
             }
-            let step = environment.step(rng.below(E::NUM_ACTIONS as u64) as usize);
-            if step.terminated {
-                probes.doomed.push(observation.as_ref().to_vec());
+            let before = observation.clone();
+            let outcome = environment.step(rng.below(num_actions) as usize, &mut observation)?;
+            if outcome.terminated {
+                probes.doomed.push(before);
             }
-            if step.ended() {
+            if outcome.ended() {
                 break;
             }
-            observation = step.observation;
         }
     }
-    probes
+    Ok(probes)
 }

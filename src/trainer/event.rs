@@ -1,11 +1,8 @@
-//! What can be observed of a run: one stream of events, the same for every sink and file.
-
-use std::io;
+//! What can be observed of a run: one stream of events, the same for every observer and file.
 
 use serde::{Deserialize, Serialize};
 
-use crate::agent::Statistics;
-use crate::nn::Mlp;
+use crate::agent::NamedNumbers;
 
 /// Something that happened. No event holds a wall-clock time, so that equal runs write equal files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,11 +34,8 @@ pub enum Event {
         env_steps: u64,
         /// Evaluation episodes.
         episodes: u64,
-        /// Mean return under the task's time limit.
+        /// Mean return.
         mean: f64,
-        /// Mean return under the run's own time limit, `max_episode_steps`; absent where it is the same.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        mean_under_limit: Option<f64>,
         /// Population standard deviation of the returns.
         std: f64,
         /// Smallest return.
@@ -57,12 +51,9 @@ pub enum Event {
     Statistics {
         /// Environment steps of the run so far.
         env_steps: u64,
-        /// Mean over the evaluation's episodes of max_a Q of the first observation less the discounted return that
-        /// was then obtained; an episode cut off by the time limit obtains a little less than it is worth.
-        overestimation: f64,
-        /// See [`Statistics`].
+        /// See [`STATISTICS`](crate::agent::STATISTICS).
         #[serde(flatten)]
-        agent: Statistics,
+        numbers: NamedNumbers,
     },
     /// The run ended.
     End {
@@ -88,46 +79,4 @@ pub enum EndReason {
     /// Somebody stopped the run, which can go on from its checkpoint: in no event and in no file.
     #[serde(skip)]
     Interrupted,
-}
-
-/// Takes the events of a run.
-pub trait EventSink {
-    /// Takes one event.
-    ///
-    /// # Errors
-    /// When it cannot be written; the run then ends.
-    fn emit(&mut self, event: &Event) -> io::Result<()>;
-
-    /// Flushes all events to the disk. Called before every checkpoint, because resuming expects all earlier events there.
-    ///
-    /// # Errors
-    /// When that fails; the run then ends.
-    fn sync(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-
-    /// Sees the policy of an evaluation, before its event; most sinks have no use for it.
-    fn see_policy(&mut self, _policy: &Mlp<f32>) {}
-}
-
-impl EventSink for Vec<Event> {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
-        self.push(event.clone());
-        Ok(())
-    }
-}
-
-/// Every sink in turn.
-impl EventSink for Vec<Box<dyn EventSink>> {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
-        self.iter_mut().try_for_each(|sink| sink.emit(event))
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        self.iter_mut().try_for_each(|sink| sink.sync())
-    }
-
-    fn see_policy(&mut self, policy: &Mlp<f32>) {
-        self.iter_mut().for_each(|sink| sink.see_policy(policy));
-    }
 }

@@ -1,64 +1,32 @@
-//! The training loop. It drives an agent through an environment and tells a sink; it never prints.
+//! The training loop. It drives an agent through an environment and tells an observer. It never prints, and it knows no
+//! paths.
 
+mod episode;
 mod evaluate;
-pub mod event;
-mod saved;
-mod state;
+mod event;
+mod observer;
+mod progress;
+mod settings;
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use serde::{Deserialize, Serialize};
+use crate::agent::{Agent, NotFinite, Policy, Probes, Transition};
+use crate::env::{EnvironmentError, Make, Spec};
+use crate::tensors::{TensorError, Tensors};
+use episode::Episode;
 
-use crate::agent::{Dqn, NotFinite, Policy, Probes, Transition};
-use crate::config::Config;
-use crate::env::Environment;
-use crate::nn::Mlp;
-use crate::rng::{Rng, Stream};
-
-pub use evaluate::{Frame, Played, Score, TraceStep, evaluate, evaluate_discounted, play, record};
-pub use event::{EndReason, Event, EventSink};
-pub use saved::SavedPolicy;
-pub use state::{Evaluation, Header, Progress, State, Summary};
-
-/// Name of the checkpoint with the best policy.
-pub const BEST: &str = "best.safetensors";
-/// Name of the latest checkpoint.
-pub const LAST: &str = "last.safetensors";
-/// Name of the periodic checkpoint before it.
-pub const PREVIOUS: &str = "previous.safetensors";
+pub use evaluate::{Frame, Score, TraceStep, evaluate, play, record};
+pub use event::{EndReason, Event};
+pub use observer::{CheckpointKind, DueCheckpoint, Fanout, Observer};
+pub use progress::{Evaluation, Progress, Summary};
+pub use settings::{Budget, CheckpointConfig, EvaluationConfig, TrainerConfig};
 
 /// Gymnasium seed of the first evaluation episode; the others follow. Training never resets from a seed.
 pub const EVALUATION_SEED: u64 = 1_000_000;
-
-/// When a run ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Budget {
-    /// After this many environment steps, at least 1.
-    Steps(u64),
-    /// After this many complete episodes, at least 1.
-    Episodes(u64),
-}
-
-/// The greedy evaluations during training.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EvaluationConfig {
-    /// Environment steps between evaluations, at least 1. There is always one at the end.
-    pub every_steps: u64,
-    /// Episodes of an evaluation, 1…100,000, always the same ones.
-    pub episodes: u64,
-}
-
-/// Writing [`LAST`].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CheckpointConfig {
-    /// Environment steps between checkpoints, at least 1. There is always one at the end.
-    pub every_steps: u64,
-}
+/// Gymnasium seed of the first episode that scores a policy: not those that chose the best.
+pub const SCORE_SEED: u64 = 2_000_000;
 
 /// Why a run failed.
 #[derive(Debug, thiserror::Error)]
@@ -71,108 +39,121 @@ pub enum TrainError {
         /// What is not finite.
         what: NotFinite,
     },
-    /// A checkpoint cannot be written.
-    #[error("cannot write {}: {source}", path.display())]
-    Checkpoint {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// A sink cannot take an event.
+    /// An observer cannot keep a checkpoint; the source names the file.
+    #[error(transparent)]
+    Checkpoint(io::Error),
+    /// An observer cannot take an event.
     #[error("cannot write an event at environment step {env_steps}: {source}")]
-    Sink {
+    Event {
         /// The step of the event.
         env_steps: u64,
         /// Why.
         source: io::Error,
     },
+    /// The environment failed.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+}
+
+/// Why a run cannot be resumed.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
+pub enum ResumeError {
+    #[error(transparent)]
+    Tensor(#[from] TensorError),
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    #[error("its counters are inconsistent")]
+    Progress,
+    #[error(
+        "its episode, played again, does not lead to the observation in it: the environment is not deterministic, or is \
+         another one than that of the run"
+    )]
+    NotDeterministic,
+}
+
+/// What a checkpoint holds. In that of the best policy there is no progress.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    /// Environment steps of the run so far; for the best policy those before it.
+    pub env_steps: u64,
+    /// The latest evaluation; for the best policy its own.
+    pub evaluation: Option<Evaluation>,
+    /// The counters of the run.
+    pub progress: Option<Progress>,
+    /// The policy in the tensors without a prefix, and what [`Trainer::resume`] needs.
+    pub tensors: Tensors,
 }
 
 /// One run: an agent in an environment.
-#[derive(Clone, Debug)]
-pub struct Trainer<E: Environment> {
-    config: Config,
-    environment: E,
-    observation: E::Observation,
-    environment_rng: Rng,
-    agent: Dqn,
+pub struct Trainer {
+    config: TrainerConfig,
+    spec: Spec,
+    make: Arc<Make>,
+    episode: Episode,
+    agent: Box<dyn Agent>,
     progress: Progress,
-    best_policy: Option<Mlp<f32>>,
-    /// Whether [`BEST`] holds it.
+    best_policy: Option<Policy>,
+    /// Whether an observer has got it.
     best_is_saved: bool,
     /// Environment steps before the latest checkpoint.
     saved_at: Option<u64>,
-    probes: Probes,
+    /// Made at the first evaluation.
+    probes: Option<Probes>,
 }
 
-impl<E: Environment> Trainer<E> {
-    /// A run of a valid config, before its first step.
+impl Trainer {
+    /// A run before its first step.
     ///
-    /// # Panics
-    /// When the config asks for mirror images and the environment has none.
-    pub fn new(config: Config, mut environment: E) -> Self {
-        let mut agent = Dqn::new(config.dqn(), E::OBSERVATION_SIZE, E::NUM_ACTIONS, config.seed);
-        if config.replay.mirror {
-            let mirror = E::mirror();
-            assert!(mirror.is_some(), "replay.mirror needs a task that is its own mirror image");
-            agent = mirror.into_iter().fold(agent, Dqn::with_mirror);
-        }
-        let mut environment_rng = Rng::spawn(config.seed, Stream::Environment);
-        Self {
-            observation: environment.reset(&mut environment_rng),
+    /// # Errors
+    /// When the environment cannot be made or reset.
+    pub fn new(
+        config: TrainerConfig,
+        agent: Box<dyn Agent>,
+        make: Arc<Make>,
+    ) -> Result<Self, EnvironmentError> {
+        let environment = make(config.max_episode_steps)?;
+        Ok(Self {
+            spec: environment.spec().clone(),
+            episode: Episode::first(environment, config.seed)?,
+            config,
+            make,
             agent,
             progress: Progress::default(),
             best_policy: None,
             best_is_saved: true,
             saved_at: None,
-            probes: evaluate::probes(&environment),
-            environment,
-            environment_rng,
-            config,
-        }
+            probes: None,
+        })
     }
 
-    /// Lets a run before its first step begin with the weights of a policy of the same layer sizes, in both networks.
-    /// False if a weight leaves the finite under the config's observation scale.
-    #[must_use]
-    pub fn start_from(&mut self, policy: &Mlp<f32>) -> bool {
-        self.agent.set_policy(policy)
-    }
-
-    /// Trains until the budget is used up, or the task is solved if that is to end the run. `checkpoints` is the
-    /// folder for [`LAST`], [`PREVIOUS`] and [`BEST`]; it exists.
+    /// Trains until the budget is used up, or the task is solved if that is to end the run.
     ///
-    /// When `stop` is set, the run finishes the current step, writes [`LAST`] and returns [`EndReason::Interrupted`]. It
-    /// neither evaluates nor emits an event, so a resumed run repeats nothing. For the same reason the last checkpoint is
-    /// written *before* the final evaluation: a run with a larger budget would not evaluate at that step.
+    /// When `stop` is set, the run finishes the current step, offers a last checkpoint and returns
+    /// [`EndReason::Interrupted`]. It neither evaluates nor emits an event, so a resumed run repeats nothing. For the same
+    /// reason the last checkpoint is offered *before* the final evaluation: a run with a larger budget would not evaluate at
+    /// that step.
     ///
     /// # Errors
-    /// When the numbers leave the finite, or a checkpoint or an event cannot be written. The files written
-    /// before stay.
-    pub fn run(
-        &mut self,
-        sink: &mut dyn EventSink,
-        checkpoints: Option<&Path>,
-        stop: &AtomicBool,
-    ) -> Result<EndReason, TrainError> {
+    /// When the numbers leave the finite, the environment fails, or an observer does. What observers kept before stays.
+    pub fn run(&mut self, observer: &mut dyn Observer, stop: &AtomicBool) -> Result<EndReason, TrainError> {
         let reason = loop {
             match self.end_reason() {
                 Some(reason) => break reason,
                 None if stop.load(Ordering::Relaxed) => {
-                    self.save_last(sink, checkpoints)?;
+                    self.save_last(observer)?;
                     return Ok(EndReason::Interrupted);
                 }
-                None => self.step(sink, checkpoints)?,
+                None => self.step(observer)?,
             }
         };
-        self.save_last(sink, checkpoints)?;
+        self.save_last(observer)?;
         if self.progress.last_evaluation.is_none_or(|last| last.env_steps < self.progress.env_steps) {
-            self.evaluate(sink, checkpoints)?;
-            self.update_best(checkpoints)?;
+            self.evaluate(observer)?;
+            self.save_best(observer)?;
         }
         let Progress { env_steps, episodes, updates, .. } = self.progress;
-        self.emit(sink, &Event::End { env_steps, episodes, updates, reason })?;
+        self.emit(observer, &Event::End { env_steps, episodes, updates, reason })?;
         Ok(reason)
     }
 
@@ -180,117 +161,161 @@ impl<E: Environment> Trainer<E> {
     ///
     /// # Errors
     /// See [`Self::run`].
-    pub fn step(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
-        let action = self.agent.act(self.observation.as_ref());
-        let step = self.environment.step(action);
+    pub fn step(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
+        let action = self.agent.act(&self.episode.observation);
+        let outcome = self.episode.step(action)?;
         self.agent.observe(Transition {
-            observation: self.observation.as_ref(),
+            observation: &self.episode.observation,
             action,
-            reward: step.reward,
-            next_observation: step.observation.as_ref(),
-            terminated: step.terminated,
-            truncated: step.truncated,
+            reward: outcome.reward as f32,
+            next_observation: &self.episode.next_observation,
+            terminated: outcome.terminated,
+            truncated: outcome.truncated,
         });
-        let ended = step.ended();
-        self.observation = step.observation;
-        self.progress.count_step(step.reward);
+        self.episode.advance();
+        self.progress.count_step(outcome.reward);
         let env_steps = self.progress.env_steps;
 
-        if self.agent.learns_at(env_steps) {
-            let loss = self.agent.learn().map_err(|what| TrainError::Diverged { env_steps, what })?;
-            self.progress.count_learning(loss, self.agent.adam.steps);
+        let learned = self.agent.learn_if_due(env_steps);
+        if let Some(loss) = learned.map_err(|what| TrainError::Diverged { env_steps, what })? {
+            self.progress.count_learning(loss, self.agent.counters().updates);
         }
-        self.agent.after_step(env_steps);
-        if ended {
-            self.end_episode(sink)?;
+        if outcome.ended() {
+            self.end_episode(observer)?;
         }
         if env_steps.is_multiple_of(self.config.evaluation.every_steps) {
-            self.evaluate(sink, checkpoints)?;
+            self.evaluate(observer)?;
         }
         if env_steps.is_multiple_of(self.config.checkpoint.every_steps) {
-            self.save_last(sink, checkpoints)?;
+            self.save_last(observer)?;
         }
         Ok(())
     }
 
-    fn end_episode(&mut self, sink: &mut dyn EventSink) -> Result<(), TrainError> {
-        self.agent.after_episode(self.progress.episodes);
-        let event = self.progress.end_episode(self.agent.epsilon);
-        self.observation = self.environment.reset(&mut self.environment_rng);
-        self.emit(sink, &event)
+    fn end_episode(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
+        self.agent.end_episode(self.progress.episodes);
+        let event = self.progress.end_episode(self.agent.counters().epsilon);
+        self.episode.reset()?;
+        self.emit(observer, &event)
     }
 
-    /// Plays the greedy policy, and keeps it as the best if it is better than all before.
-    fn evaluate(&mut self, sink: &mut dyn EventSink, checkpoints: Option<&Path>) -> Result<(), TrainError> {
-        let episodes = self.config.evaluation.episodes;
+    /// Plays the greedy policy, and keeps it as the best if none before is better.
+    fn evaluate(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
+        let (episodes, gamma) = (self.config.evaluation.episodes, self.agent.gamma());
         let policy = self.agent.policy();
-        sink.see_policy(&policy);
-        let gamma = self.config.gamma;
-        let played = evaluate_discounted(&policy, &self.environment, EVALUATION_SEED, episodes, gamma);
-        // Scores are those of the task, whichever time limit the run has; that one decides which policy is the best.
-        let returns = played.iter().map(|episode| episode.total.min(E::MAX_RETURN)).collect::<Vec<_>>();
-        let mean_under_limit = played.iter().map(|episode| episode.total).sum::<f64>() / episodes as f64;
-        let is_better = self.progress.best_mean.is_none_or(|best| mean_under_limit > best);
-        let event = self.progress.count_evaluation(&Score::new(&returns), mean_under_limit, E::SOLVED_RETURN);
+        observer.policy(&policy);
+        let played = evaluate(&policy, &*self.make, self.spec.max_steps, EVALUATION_SEED, episodes, gamma)?;
+        let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());
+        let is_better = self.progress.best_evaluation.is_none_or(|best| score.mean > best.mean);
+        let event = self.progress.count_evaluation(&score, self.spec.is_solved_by(score.mean));
         if let Event::Evaluation { best: true, .. } = event {
             self.best_policy = Some(policy);
             self.best_is_saved = false;
             // Among equals the file may wait for the next checkpoint: the policy in it scores the same.
             if is_better {
-                self.update_best(checkpoints)?;
+                self.save_best(observer)?;
             }
         }
-        self.emit(sink, &event)?;
-        if self.agent.replay.is_empty() {
+        self.emit(observer, &event)?;
+        if self.probes.is_none() {
+            self.probes = Some(evaluate::probes(&*self.make, self.spec.max_steps)?);
+        }
+        let numbers = self.probes.as_ref().and_then(|probes| self.agent.statistics(probes, &played));
+        let env_steps = self.progress.env_steps;
+        numbers.map_or(Ok(()), |numbers| self.emit(observer, &Event::Statistics { env_steps, numbers }))
+    }
+
+    /// Offers the best policy to the observer, unless the observer has it.
+    ///
+    /// # Errors
+    /// When the observer cannot keep it.
+    pub fn save_best(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
+        if self.best_is_saved {
             return Ok(());
         }
-        let overestimated =
-            |episode: &Played| episode.expected / self.config.reward_scale - episode.discounted;
-        let overestimation = played.iter().map(overestimated).sum::<f64>() / played.len() as f64;
-        let agent = self.agent.statistics(&self.probes);
-        self.emit(sink, &Event::Statistics { env_steps: self.progress.env_steps, overestimation, agent })
-    }
-
-    /// Writes [`BEST`] if it does not hold the best policy.
-    fn update_best(&mut self, checkpoints: Option<&Path>) -> Result<(), TrainError> {
-        if let Some(folder) = checkpoints.filter(|_| !self.best_is_saved) {
-            self.save_best(folder)?;
-            self.best_is_saved = true;
+        let best = self.best_policy.iter().zip(self.progress.best_evaluation).next();
+        if let Some((policy, evaluation)) = best {
+            let snapshot = || {
+                let mut tensors = Tensors::default();
+                policy.save("", &mut tensors);
+                let Evaluation { env_steps, .. } = evaluation;
+                Snapshot { env_steps, evaluation: Some(evaluation), progress: None, tensors }
+            };
+            let checkpoint = DueCheckpoint { kind: CheckpointKind::Best, snapshot: &snapshot };
+            observer.checkpoint(&checkpoint).map_err(TrainError::Checkpoint)?;
         }
+        self.best_is_saved = true;
         Ok(())
     }
 
-    /// Writes [`BEST`] into a folder, if there has been an evaluation.
+    /// Offers a checkpoint of the run to the observer, unless there was one at this step.
     ///
     /// # Errors
-    /// When it cannot be written.
-    pub fn save_best(&self, folder: &Path) -> Result<(), TrainError> {
-        let path = folder.join(BEST);
-        let written = self.best_checkpoint().and_then(|best| best.map_or(Ok(()), |best| best.write(&path)));
-        written.map_err(|source| TrainError::Checkpoint { path, source })
-    }
-
-    /// Writes [`LAST`] unless it already holds this step. The checkpoint that it replaces is kept as [`PREVIOUS`] only if
-    /// it was periodic. Otherwise the files would show where the run was interrupted.
-    ///
-    /// # Errors
-    /// When a file cannot be written, or the sink cannot make its own last.
-    pub fn save_last(
-        &mut self,
-        sink: &mut dyn EventSink,
-        checkpoints: Option<&Path>,
-    ) -> Result<(), TrainError> {
-        self.update_best(checkpoints)?;
+    /// When the observer cannot keep it.
+    pub fn save_last(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
+        self.save_best(observer)?;
         let (env_steps, period) = (self.progress.env_steps, self.config.checkpoint.every_steps);
-        let Some(folder) = checkpoints.filter(|_| self.saved_at != Some(env_steps)) else { return Ok(()) };
-        sink.sync().map_err(|source| TrainError::Sink { env_steps, source })?;
-        let is_periodic = self.saved_at.is_some_and(|step| step > 0 && step.is_multiple_of(period));
-        let kept = is_periodic.then(|| folder.join(PREVIOUS));
-        let path = folder.join(LAST);
-        let written = self.checkpoint().and_then(|last| last.write_keeping(&path, kept.as_deref()));
-        written.map_err(|source| TrainError::Checkpoint { path, source })?;
+        if self.saved_at == Some(env_steps) {
+            return Ok(());
+        }
+        let keeps_previous = self.saved_at.is_some_and(|step| step > 0 && step.is_multiple_of(period));
+        let kind = CheckpointKind::Last { keeps_previous };
+        let checkpoint = DueCheckpoint { kind, snapshot: &|| self.snapshot() };
+        observer.checkpoint(&checkpoint).map_err(TrainError::Checkpoint)?;
         self.saved_at = Some(env_steps);
         Ok(())
+    }
+
+    /// Everything that [`Self::resume`] needs.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut tensors = Tensors::default();
+        self.agent.policy().save("", &mut tensors);
+        self.agent.save(&mut tensors);
+        self.episode.save(&mut tensors);
+        if let Some(policy) = &self.best_policy {
+            policy.save("best.", &mut tensors);
+        }
+        Snapshot {
+            env_steps: self.progress.env_steps,
+            evaluation: self.progress.last_evaluation,
+            progress: Some(self.progress.clone()),
+            tensors,
+        }
+    }
+
+    /// Takes a run before its first step to where another one was, with the same bits from there on. Schedules and budget
+    /// are those of this run.
+    ///
+    /// # Errors
+    /// When the snapshot does not hold the state of such a run.
+    pub fn resume(mut self, progress: Progress, tensors: &Tensors) -> Result<Self, ResumeError> {
+        if !progress.is_possible() {
+            return Err(ResumeError::Progress);
+        }
+        self.agent.load(tensors, progress.env_steps)?;
+        if self.agent.counters().updates != progress.updates {
+            return Err(ResumeError::Progress);
+        }
+        self.episode.load(tensors, progress.episode_length)?;
+        if progress.best_evaluation.is_some() {
+            let mut best = self.agent.policy();
+            best.load("best.", tensors)?;
+            self.best_policy = Some(best);
+        }
+        self.best_is_saved = false;
+        self.saved_at = Some(progress.env_steps);
+        self.progress = progress;
+        Ok(self)
+    }
+
+    /// Says that from here on the run follows other schedules than before, so that no single config repeats it.
+    pub fn branch(&mut self) {
+        self.progress.branched_at_step = Some(self.progress.env_steps);
+    }
+
+    /// Whether the run is already past its budget.
+    pub fn is_past_budget(&self) -> bool {
+        self.progress.exceeds(self.config.budget)
     }
 
     /// Why the run is over, if it is.
@@ -300,15 +325,20 @@ impl<E: Environment> Trainer<E> {
         if solved { Some(EndReason::Solved) } else { used_up.then_some(EndReason::Budget) }
     }
 
-    fn emit(&mut self, sink: &mut dyn EventSink, event: &Event) -> Result<(), TrainError> {
+    fn emit(&mut self, observer: &mut dyn Observer, event: &Event) -> Result<(), TrainError> {
         let env_steps = self.progress.env_steps;
         self.progress.events += 1;
-        sink.emit(event).map_err(|source| TrainError::Sink { env_steps, source })
+        observer.event(event).map_err(|source| TrainError::Event { env_steps, source })
     }
 
-    /// The run's config.
-    pub fn config(&self) -> &Config {
+    /// The run's settings.
+    pub fn config(&self) -> &TrainerConfig {
         &self.config
+    }
+
+    /// What is known of the run's task.
+    pub fn spec(&self) -> &Spec {
+        &self.spec
     }
 
     /// How far the run is.
@@ -317,12 +347,35 @@ impl<E: Environment> Trainer<E> {
     }
 
     /// The policy with the best evaluation, the latest of equals; none before the first evaluation.
-    pub fn best_policy(&self) -> Option<&Mlp<f32>> {
+    pub fn best_policy(&self) -> Option<&Policy> {
         self.best_policy.as_ref()
     }
 
     /// The agent as it is now.
-    pub fn agent(&self) -> &Dqn {
-        &self.agent
+    pub fn agent(&self) -> &dyn Agent {
+        &*self.agent
+    }
+
+    /// The agent, to be changed.
+    pub fn agent_mut(&mut self) -> &mut dyn Agent {
+        &mut *self.agent
+    }
+
+    /// What the run came to.
+    pub fn summary(&self, end_reason: EndReason, wall_seconds: f64) -> Summary {
+        let Progress { env_steps, episodes, updates, solved_at_step, branched_at_step, .. } = self.progress;
+        Summary {
+            seed: self.config.seed,
+            env_steps,
+            episodes,
+            updates,
+            end_reason,
+            best_evaluation: self.progress.best_evaluation,
+            final_evaluation: self.progress.last_evaluation,
+            solved_at_step,
+            weights_sha256: self.agent.weights_sha256(),
+            branched_at_step,
+            wall_seconds,
+        }
     }
 }

@@ -9,13 +9,10 @@ use ratatui::symbols::Marker;
 use ratatui::text::Line;
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LineGauge, Paragraph};
 
-use super::player::{Player, Task};
-use super::scene;
-use crate::agent::Greedy;
-use crate::env::{CartPole, Environment};
-use crate::nn::Mlp;
-use crate::trainer::event::Event;
-use crate::trainer::{Budget, EVALUATION_SEED};
+use super::player::Player;
+use crate::agent::{Policy, STATISTICS, Statistic};
+use crate::env::{Environment, Spec};
+use crate::trainer::{Budget, EVALUATION_SEED, Event};
 
 const KEYS: &str = "+/- pace  f full speed  space pause  q stop, with a checkpoint";
 const KEYS_AT_THE_END: &str = "q close";
@@ -69,19 +66,10 @@ impl Series {
     }
 }
 
-/// What moves over time, in the order in which it is shown.
-const DIAGNOSTICS: [&str; 10] = [
-    "ε",
-    "loss",
-    "TD error, median",
-    "gradient norm",
-    "overestimation",
-    "max Q",
-    "action gap",
-    "doomed max Q",
-    "terminal share",
-    "dead ReLU share",
-];
+/// The statistics that are shown.
+fn statistics() -> impl Iterator<Item = &'static Statistic> {
+    STATISTICS.iter().filter(|statistic| !statistic.label.is_empty())
+}
 
 pub(super) struct Dashboard {
     name: String,
@@ -92,7 +80,13 @@ pub(super) struct Dashboard {
     evaluations: Series,
     training: Series,
     best: f64,
-    diagnostics: [Series; DIAGNOSTICS.len()],
+    epsilon: Series,
+    loss: Series,
+    /// One for each of [`statistics`].
+    statistics: Vec<Series>,
+    task: Spec,
+    /// Until the first policy takes it.
+    environment: Option<Box<dyn Environment>>,
     player: Option<Player>,
     /// Steps of the player that are due.
     due: f64,
@@ -104,7 +98,7 @@ pub(super) struct Dashboard {
 }
 
 impl Dashboard {
-    pub(super) fn new(name: &str, budget: Budget) -> Self {
+    pub(super) fn new(name: &str, environment: Box<dyn Environment>, budget: Budget) -> Self {
         Self {
             name: name.into(),
             budget,
@@ -113,7 +107,11 @@ impl Dashboard {
             evaluations: Series::default(),
             training: Series::default(),
             best: f64::NEG_INFINITY,
-            diagnostics: Default::default(),
+            epsilon: Series::default(),
+            loss: Series::default(),
+            statistics: statistics().map(|_| Series::default()).collect(),
+            task: environment.spec().clone(),
+            environment: Some(environment),
             player: None,
             due: 0.0,
             rested: Duration::ZERO,
@@ -127,42 +125,33 @@ impl Dashboard {
         self.ended
     }
 
-    pub(super) fn set_policy(&mut self, policy: Mlp<f32>) {
+    pub(super) fn set_policy(&mut self, policy: &Policy) {
         // The dashboard shows no Q-value of the player, so its reward scale does not matter.
-        let policy = Greedy::new(policy, 1);
-        match &mut self.player {
-            Some(player) => player.set_policy(policy),
-            None => self.player = Some(Player::new(policy, EVALUATION_SEED)),
+        let policy = policy.greedy(1);
+        match (&mut self.player, self.environment.take()) {
+            (Some(player), _) => player.set_policy(policy),
+            // Without a player there is no picture; the run itself says what is wrong with an environment.
+            (None, Some(environment)) => self.player = Player::new(policy, environment, EVALUATION_SEED).ok(),
+            (None, None) => {}
         }
     }
 
     pub(super) fn take(&mut self, event: &Event) {
-        let [epsilon_series, loss_series, statistics @ ..] = &mut self.diagnostics;
         match *event {
             Event::Episode { env_steps, episode, mean_return_100, epsilon, loss, .. } => {
                 (self.env_steps, self.episodes) = (env_steps, episode + 1);
                 self.training.push(env_steps, mean_return_100);
-                epsilon_series.push(env_steps, epsilon);
-                loss.into_iter().for_each(|loss| loss_series.push(env_steps, loss));
+                self.epsilon.push(env_steps, epsilon);
+                loss.into_iter().for_each(|loss| self.loss.push(env_steps, loss));
             }
             Event::Evaluation { env_steps, mean, .. } => {
                 self.env_steps = env_steps;
                 self.evaluations.push(env_steps, mean);
                 self.best = self.best.max(mean);
             }
-            Event::Statistics { env_steps, overestimation, ref agent } => {
-                let values = [
-                    agent.td_error_quantiles[1],
-                    agent.gradient_norm,
-                    overestimation,
-                    agent.max_q,
-                    agent.action_gap,
-                    agent.doomed_max_q,
-                    agent.terminal_share,
-                    agent.dead_relu_share,
-                ];
-                for (series, value) in statistics.iter_mut().zip(values) {
-                    series.push(env_steps, value);
+            Event::Statistics { env_steps, ref numbers } => {
+                for (known, series) in statistics().zip(&mut self.statistics) {
+                    numbers.get(known.name).into_iter().for_each(|number| series.push(env_steps, number));
                 }
             }
             Event::End { env_steps, episodes, .. } => {
@@ -179,18 +168,22 @@ impl Dashboard {
             self.measure();
         }
         let Some(player) = &mut self.player else { return };
+        let mut played = Ok(());
         if player.end.is_some() {
             self.rested += time;
             if self.rested >= REST {
-                player.start(player.seed + 1);
+                played = player.start(player.seed + 1);
                 (self.rested, self.due) = (Duration::ZERO, 0.0);
             }
-            return;
+        } else {
+            self.due += time.as_secs_f64() * self.task.steps_per_second;
         }
-        self.due += time.as_secs_f64() * f64::from(CartPole::STEPS_PER_SECOND);
-        while self.due >= 1.0 {
+        while self.due >= 1.0 && played.is_ok() {
             self.due -= 1.0;
-            player.step();
+            played = player.step();
+        }
+        if played.is_err() {
+            self.player = None;
         }
     }
 
@@ -212,7 +205,7 @@ impl Dashboard {
             Constraint::Length(1),
             Constraint::Length(1),
             Constraint::Min(8),
-            Constraint::Length(DIAGNOSTICS.len() as u16 / 2 + 2),
+            Constraint::Length((self.statistics.len() as u16 + 2).div_ceil(2) + 2),
             Constraint::Length(1),
         ])
         .areas(frame.area());
@@ -247,7 +240,10 @@ impl Dashboard {
         let training = self.training.latest;
         let training =
             training.map_or_else(String::new, |mean| format!(" ─ mean return in training {mean:.1} "));
-        let solved = [(0.0, Task::SOLVED_RETURN), (last as f64, Task::SOLVED_RETURN)];
+        let solved: Vec<_> =
+            self.task.solved_return.into_iter().flat_map(|y| [(0.0, y), (last as f64, y)]).collect();
+        let (low, high) = self.task.return_range;
+        let middle = f64::midpoint(low, high);
         let line = |data, colour: Color| {
             Dataset::default().data(data).marker(Marker::Braille).graph_type(GraphType::Line).style(colour)
         };
@@ -259,7 +255,7 @@ impl Dashboard {
         .block(Block::bordered().title(title).title_bottom(training))
         .legend_position(None)
         .x_axis(Axis::default().bounds([0.0, last as f64]).labels(["0".into(), last.to_string()]))
-        .y_axis(Axis::default().bounds([0.0, Task::MAX_RETURN]).labels(["0", "250", "500"]));
+        .y_axis(Axis::default().bounds([low, high]).labels([low, middle, high].map(|y| y.to_string())));
         frame.render_widget(chart, area);
     }
 
@@ -268,11 +264,12 @@ impl Dashboard {
             frame.render_widget(Block::bordered().title(" no evaluation yet "), area);
             return;
         };
-        let title = format!(" latest policy │ step {} of {} ", player.steps, Task::MAX_RETURN);
+        let title = format!(" latest policy │ step {} of {} ", player.steps, self.task.max_steps);
         let returns: String =
             player.returns.iter().rev().take(4).map(|(total, _)| format!(" {total}")).collect();
         let returns = if returns.is_empty() { returns } else { format!(" returns{returns} ") };
-        scene::draw(frame, area, Block::bordered().title(title).title_bottom(returns), player.state());
+        let block = Block::bordered().title(title).title_bottom(returns);
+        player.draw(frame, area, block);
     }
 
     fn draw_diagnostics(&self, frame: &mut Frame<'_>, area: Rect) {
@@ -280,16 +277,17 @@ impl Dashboard {
         let columns: [Rect; 2] =
             Layout::horizontal([Constraint::Fill(1); 2]).spacing(2).areas(block.inner(area));
         frame.render_widget(block, area);
-        let lines: Vec<Line<'_>> = DIAGNOSTICS
-            .iter()
-            .zip(&self.diagnostics)
+        let own = [("ε", &self.epsilon), ("loss", &self.loss)];
+        let lines: Vec<Line<'_>> = own
+            .into_iter()
+            .chain(statistics().map(|known| known.label).zip(&self.statistics))
             .map(|(name, series)| {
                 let latest = series.latest.map_or_else(|| "-".into(), short);
                 let width = usize::from(columns[0].width).saturating_sub(27);
                 Line::from(vec![format!("{name:<17}{latest:>8}  ").into(), series.sparkline(width).cyan()])
             })
             .collect();
-        for (column, lines) in columns.into_iter().zip(lines.chunks(DIAGNOSTICS.len() / 2)) {
+        for (column, lines) in columns.into_iter().zip(lines.chunks(lines.len().div_ceil(2))) {
             frame.render_widget(Paragraph::new(lines.to_vec()), column);
         }
     }
@@ -308,7 +306,8 @@ fn short(value: f64) -> String {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::agent::Statistics;
+    use crate::agent::NamedNumbers;
+    use crate::env::CartPole;
     use crate::view::tests::{policy, text};
 
     fn episode(env_steps: u64, mean_return_100: f64) -> Event {
@@ -326,32 +325,23 @@ mod tests {
     }
 
     fn evaluation(env_steps: u64, mean: f64) -> Event {
-        let solved = mean >= Task::SOLVED_RETURN;
-        Event::Evaluation {
-            env_steps,
-            episodes: 1,
-            mean,
-            mean_under_limit: None,
-            std: 0.0,
-            min: mean,
-            max: mean,
-            best: true,
-            solved,
-        }
+        let solved = mean >= 475.0;
+        Event::Evaluation { env_steps, episodes: 1, mean, std: 0.0, min: mean, max: mean, best: true, solved }
     }
 
     #[test]
     fn shows_what_the_events_hold() {
-        let mut dashboard = Dashboard::new("runs/x", Budget::Steps(4000));
+        let mut dashboard = Dashboard::new("runs/x", Box::new(CartPole::v1()), Budget::Steps(4000));
         let empty = text(80, 24, |frame| dashboard.draw(frame, "full speed"));
         assert!(empty.contains("train runs/x") && empty.contains("no evaluation yet"), "{empty}");
 
         dashboard.take(&episode(1000, 123.4));
         dashboard.take(&evaluation(1000, 456.7));
         dashboard.take(&evaluation(2000, 345.6));
-        let agent = Statistics { max_q: 78.9, dead_relu_share: 0.125, ..Statistics::default() };
-        dashboard.take(&Event::Statistics { env_steps: 2000, overestimation: -4.5, agent });
-        dashboard.set_policy(policy());
+        let numbers = [("max_q", 78.9), ("dead_relu_share", 0.125), ("overestimation", -4.5)];
+        let numbers = NamedNumbers(numbers.map(|(name, number)| (name.to_owned(), number)).into());
+        dashboard.take(&Event::Statistics { env_steps: 2000, numbers });
+        dashboard.set_policy(&policy());
         dashboard.advance(Duration::from_millis(200), 2500);
         for (width, height) in [(80, 24), (70, 20), (200, 60)] {
             let shown = text(width, height, |frame| dashboard.draw(frame, "5x"));
@@ -376,7 +366,7 @@ mod tests {
     #[test]
     fn an_evaluation_is_a_point_where_it_belongs() {
         let points = |mean| {
-            let mut dashboard = Dashboard::new("", Budget::Steps(4000));
+            let mut dashboard = Dashboard::new("", Box::new(CartPole::v1()), Budget::Steps(4000));
             dashboard.take(&evaluation(2000, mean));
             let shown = text(80, 24, |frame| dashboard.draw(frame, ""));
             let lines: Vec<&str> = shown.lines().collect();
@@ -391,7 +381,7 @@ mod tests {
 
     #[test]
     fn after_the_end_nothing_moves_but_the_player() {
-        let mut dashboard = Dashboard::new("", Budget::Episodes(9));
+        let mut dashboard = Dashboard::new("", Box::new(CartPole::v1()), Budget::Episodes(9));
         let (env_steps, episodes, updates) = (1234, 9, 7);
         let reason = crate::trainer::EndReason::Budget;
         dashboard.take(&Event::End { env_steps, episodes, updates, reason });

@@ -12,9 +12,9 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent};
 use super::dashboard::Dashboard;
 use super::pace::{Brake, Pace, Shared};
 use super::{FRAME, NoView, Screen, is_quit};
-use crate::nn::Mlp;
-use crate::trainer::Budget;
-use crate::trainer::event::{Event, EventSink};
+use crate::agent::Policy;
+use crate::env::Environment;
+use crate::trainer::{Budget, Event, Observer};
 
 /// A key that is held down is one wish to quit.
 const HELD: Duration = Duration::from_secs(1);
@@ -45,7 +45,7 @@ pub struct Live {
 
 enum Message {
     Event(Event),
-    Policy(Mlp<f32>),
+    Policy(Policy),
 }
 
 impl Live {
@@ -56,18 +56,19 @@ impl Live {
     /// There is no terminal, it is too small, or it fails.
     pub fn open(
         name: &str,
+        environment: Box<dyn Environment>,
         budget: Budget,
         pace: Pace,
         interrupts: &Interrupts,
         end_process: impl FnOnce() + Send + 'static,
     ) -> Result<Self, NoView> {
         let screen = Screen::open()?;
-        let shared = Arc::new(Shared::new(pace));
+        let shared = Arc::new(Shared::new(pace, environment.spec().steps_per_second));
         close_in_panic(&shared);
         let (messages, inbox) = channel();
         let view = View {
             screen,
-            dashboard: Dashboard::new(name, budget),
+            dashboard: Dashboard::new(name, environment, budget),
             inbox,
             shared: Arc::clone(&shared),
             interrupts: interrupts.clone(),
@@ -102,8 +103,8 @@ fn close_in_panic(shared: &Arc<Shared>) {
     }));
 }
 
-impl EventSink for Live {
-    fn emit(&mut self, event: &Event) -> io::Result<()> {
+impl Observer for Live {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
         match event {
             Event::Episode { env_steps, .. } | Event::Evaluation { env_steps, .. } => {
                 self.brake.wait(*env_steps, &self.shared, &self.stop);
@@ -116,7 +117,7 @@ impl EventSink for Live {
         Ok(())
     }
 
-    fn see_policy(&mut self, policy: &Mlp<f32>) {
+    fn policy(&mut self, policy: &Policy) {
         let _ = self.messages.send(Message::Policy(policy.clone()));
     }
 }
@@ -197,7 +198,7 @@ impl View {
         for message in self.inbox.try_iter() {
             match message {
                 Message::Event(event) => self.dashboard.take(&event),
-                Message::Policy(policy) => self.dashboard.set_policy(policy),
+                Message::Policy(policy) => self.dashboard.set_policy(&policy),
             }
         }
     }

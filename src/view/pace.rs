@@ -5,9 +5,7 @@ use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::env::CartPole;
-
-/// Speed as a multiple of simulated time (1 is 50 steps a second), or unlimited.
+/// Speed as a multiple of simulated time (1 is real time), or unlimited.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace(f64);
 
@@ -16,10 +14,6 @@ impl Pace {
     pub const FULL: Self = Self(f64::INFINITY);
     const SLOWEST: f64 = 0.01;
     const FASTEST: f64 = 1000.0;
-
-    fn steps_per_second(self) -> f64 {
-        self.0 * f64::from(CartPole::STEPS_PER_SECOND)
-    }
 
     pub(super) fn faster(self) -> Self {
         if self.0 * 2.0 > Self::FASTEST { Self::FULL } else { Self(self.0 * 2.0) }
@@ -61,14 +55,17 @@ pub(super) struct Shared {
     pub(super) allowed_steps: AtomicU64,
     /// The view is to close.
     pub(super) closing: AtomicBool,
+    /// Steps in a second of simulated time.
+    steps_per_second: f64,
 }
 
 impl Shared {
-    pub(super) fn new(pace: Pace) -> Self {
+    pub(super) fn new(pace: Pace, steps_per_second: f64) -> Self {
         Self {
             pace: AtomicU64::new(pace.0.to_bits()),
             allowed_steps: AtomicU64::new(0),
             closing: AtomicBool::new(false),
+            steps_per_second,
         }
     }
 
@@ -104,7 +101,7 @@ impl Brake {
         let goal = env_steps as f64;
         loop {
             let (pace, paused) = shared.pace();
-            let rate = if paused { 0.0 } else { pace.steps_per_second() };
+            let rate = if paused { 0.0 } else { pace.0 * shared.steps_per_second };
             // A run that is slower than its pace saves nothing up.
             self.allowed = (self.allowed + rate * self.last.elapsed().as_secs_f64()).min(goal);
             self.last = Instant::now();
@@ -144,7 +141,7 @@ mod tests {
     }
 
     fn waited(pace: Pace, paused: bool, stop: bool, env_steps: u64) -> Duration {
-        let shared = Shared::new(pace);
+        let shared = Shared::new(pace, 50.0);
         shared.set_pace(pace, paused);
         let start = Instant::now();
         Brake::new().wait(env_steps, &shared, &AtomicBool::new(stop));
@@ -164,7 +161,7 @@ mod tests {
 
     #[test]
     fn a_pause_ends_when_the_pace_is_full() {
-        let shared = Shared::new(Pace(1.0));
+        let shared = Shared::new(Pace(1.0), 50.0);
         shared.set_pace(Pace(1.0), true);
         std::thread::scope(|scope| {
             let waiting = scope.spawn(|| Brake::new().wait(1000, &shared, &AtomicBool::new(false)));

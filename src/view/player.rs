@@ -1,11 +1,13 @@
 //! An agent at play, step by step.
 
-use crate::agent::{Greedy, Policy};
-use crate::env::{CartPole, Environment, Step, TimeLimit};
-use crate::rng::Rng;
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::text::Line;
+use ratatui::widgets::{Block, Paragraph};
 
-/// The task that is played.
-pub(super) type Task = TimeLimit<CartPole>;
+use crate::agent::{Actor, Greedy};
+use crate::draw::draw_braille;
+use crate::env::{Environment, EnvironmentError, Outcome, Spec, Start};
 
 /// Steps of a push: 0.06 s.
 pub(super) const PUSH_STEPS: u32 = 3;
@@ -13,50 +15,65 @@ pub(super) const PUSH_STEPS: u32 = 3;
 /// An episode that a greedy policy plays, and the returns of those before it.
 pub(super) struct Player {
     policy: Greedy,
-    environment: Task,
-    observation: [f32; 4],
+    environment: Box<dyn Environment>,
+    observation: Vec<f32>,
     /// Gymnasium's seed of the episode.
     pub(super) seed: u64,
-    /// Steps of the episode so far, and, as every reward is 1, its return.
+    /// Steps of the episode so far, and the sum of their rewards.
     pub(super) steps: u64,
+    pub(super) total: f64,
     /// What the policy chooses next.
     pub(super) action: usize,
     /// What it expects of each action, in units of the environment's rewards.
-    pub(super) q_values: [f32; 2],
+    pub(super) q_values: Vec<f32>,
     /// An action that somebody else has chosen, for as many steps.
     pub(super) push: Option<(usize, u32)>,
     /// Whether there was one in this episode.
     pub(super) pushed: bool,
     /// The last step of the episode.
-    pub(super) end: Option<Step<[f32; 4]>>,
+    pub(super) end: Option<Outcome>,
     /// The returns of the episodes that have ended, and whether there was a push.
-    pub(super) returns: Vec<(u64, bool)>,
+    pub(super) returns: Vec<(f64, bool)>,
 }
 
 impl Player {
-    pub(super) fn new(policy: Greedy, seed: u64) -> Self {
+    /// # Errors
+    /// When the environment fails, here and below.
+    pub(super) fn new(
+        policy: Greedy,
+        environment: Box<dyn Environment>,
+        seed: u64,
+    ) -> Result<Self, EnvironmentError> {
         let mut player = Self {
             policy,
-            environment: CartPole::v1(),
-            observation: [0.0; 4],
+            observation: vec![0.0; environment.spec().observation_size],
+            environment,
             seed,
             steps: 0,
+            total: 0.0,
             action: 0,
-            q_values: [0.0; 2],
+            q_values: Vec::new(),
             push: None,
             pushed: false,
             end: None,
             returns: Vec::new(),
         };
-        player.start(seed);
-        player
+        player.start(seed)?;
+        Ok(player)
+    }
+
+    /// What is known of the task.
+    pub(super) fn spec(&self) -> &Spec {
+        self.environment.spec()
     }
 
     /// Starts the episode of a seed.
-    pub(super) fn start(&mut self, seed: u64) {
-        self.observation = self.environment.reset(&mut Rng::from_seed(seed));
-        (self.seed, self.steps, self.push, self.pushed, self.end) = (seed, 0, None, false, None);
+    pub(super) fn start(&mut self, seed: u64) -> Result<(), EnvironmentError> {
+        self.environment.reset(Start::Seed(seed), &mut self.observation)?;
+        (self.seed, self.steps, self.total) = (seed, 0, 0.0);
+        (self.push, self.pushed, self.end) = (None, false, None);
         self.see();
+        Ok(())
     }
 
     /// Lets another policy go on.
@@ -67,7 +84,7 @@ impl Player {
 
     fn see(&mut self) {
         self.action = self.policy.act(&self.observation);
-        self.q_values = [0, 1].map(|action| self.policy.q_value(0, action) as f32);
+        self.q_values = self.policy.q_values();
     }
 
     /// Replaces the policy's action by this one for the next [`PUSH_STEPS`] steps.
@@ -77,48 +94,68 @@ impl Player {
     }
 
     /// One step; none after the end.
-    pub(super) fn step(&mut self) {
+    pub(super) fn step(&mut self) -> Result<(), EnvironmentError> {
         if self.end.is_some() {
-            return;
+            return Ok(());
         }
         let action = self.push.map_or(self.action, |(action, _)| action);
         self.push = self.push.filter(|&(_, left)| left > 1).map(|(action, left)| (action, left - 1));
-        let step = self.environment.step(action);
-        self.observation = step.observation;
+        let outcome = self.environment.step(action, &mut self.observation)?;
         self.steps += 1;
+        self.total += outcome.reward;
         self.see();
-        if step.ended() {
-            self.returns.push((self.steps, self.pushed));
-            self.end = Some(step);
+        if outcome.ended() {
+            self.returns.push((self.total, self.pushed));
+            self.end = Some(outcome);
         }
+        Ok(())
     }
 
-    /// x, ẋ, θ, θ̇
-    pub(super) fn state(&self) -> [f64; 4] {
-        self.observation.map(f64::from)
+    /// Draws the environment, or its numbers if it has no picture, framed by `block`.
+    pub(super) fn draw(&self, frame: &mut Frame<'_>, area: Rect, block: Block<'_>) {
+        if let Some(scene) = self.environment.scene() {
+            draw_braille(frame, area, block, &scene);
+            return;
+        }
+        let numbers = self.spec().observations.iter().zip(self.state());
+        let lines: Vec<_> = numbers.map(|(name, value)| Line::from(format!(" {name} {value:.4}"))).collect();
+        frame.render_widget(Paragraph::new(lines).block(block), area);
+    }
+
+    /// What the agent sees.
+    pub(super) fn state(&self) -> Vec<f64> {
+        self.observation.iter().copied().map(f64::from).collect()
     }
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::env::CartPole;
+    use crate::env::catalogue::EnvironmentId;
     use crate::trainer::evaluate;
     use crate::view::tests::policy;
 
+    fn player(policy: Greedy) -> Player {
+        Player::new(policy, Box::new(CartPole::v1()), 7).unwrap()
+    }
+
     fn play_on(player: &mut Player) -> u64 {
         while player.end.is_none() {
-            player.step();
+            player.step().unwrap();
         }
         player.steps
     }
 
     #[test]
     fn plays_the_episodes_that_an_evaluation_plays() {
-        let expected = evaluate(&policy(), &CartPole::v1(), 7, 3);
-        let mut player = Player::new(Greedy::new(policy(), 1), 7);
+        let make = |max_steps| EnvironmentId::CartPoleV1.make(max_steps);
+        let expected = evaluate(&policy(), &make, 500, 7, 3, 1.0).unwrap();
+        let mut player = player(policy().greedy(1));
         for (seed, expected) in (7..).zip(expected) {
-            player.start(seed);
-            assert_eq!(play_on(&mut player) as f64, expected);
+            player.start(seed).unwrap();
+            assert_eq!(play_on(&mut player), expected.steps);
         }
         assert_eq!(player.returns.len(), 3);
         assert!(player.returns.iter().all(|(_, pushed)| !pushed));
@@ -126,38 +163,38 @@ mod tests {
 
     #[test]
     fn q_values_are_in_raw_rewards_and_the_scale_changes_no_action() {
-        let mut plain = Player::new(Greedy::new(policy(), 1), 7);
-        let mut scaled = Player::new(Greedy::new(policy(), 1).with_reward_scale(0.25), 7);
+        let mut plain = player(policy().greedy(1));
+        let mut scaled = player(policy().greedy(1).with_reward_scale(0.25));
         while plain.end.is_none() {
-            assert_eq!(scaled.q_values, plain.q_values.map(|q| 4.0 * q));
+            assert_eq!(scaled.q_values, plain.q_values.iter().map(|q| 4.0 * q).collect::<Vec<_>>());
             assert_eq!(scaled.action, plain.action);
-            plain.step();
-            scaled.step();
+            plain.step().unwrap();
+            scaled.step().unwrap();
         }
     }
 
     #[test]
     fn a_push_is_three_actions_of_the_one_who_pushes() {
-        let [mut free, mut pushed] = [(); 2].map(|()| Player::new(Greedy::new(policy(), 1), 7));
+        let [mut free, mut pushed] = [(); 2].map(|()| player(policy().greedy(1)));
         for player in [&mut free, &mut pushed] {
-            (0..10).for_each(|_| player.step());
+            (0..10).for_each(|_| player.step().unwrap());
         }
         pushed.push(1);
         for left in [2, 1] {
-            pushed.step();
+            pushed.step().unwrap();
             assert_eq!(pushed.push, Some((1, left)));
         }
-        pushed.step();
+        pushed.step().unwrap();
         assert_eq!(pushed.push, None);
         // 3 × 0.02 s × 10 N against 1.1 kg, and what the pole adds.
         let gained = pushed.state()[1] - {
-            (0..3).for_each(|_| free.step());
+            (0..3).for_each(|_| free.step().unwrap());
             free.state()[1]
         };
         assert!(gained > 0.1, "{gained}");
         play_on(&mut pushed);
         assert!(pushed.returns[0].1, "the return is marked");
-        pushed.start(8);
+        pushed.start(8).unwrap();
         assert!(!pushed.pushed);
     }
 }

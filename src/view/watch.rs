@@ -10,10 +10,10 @@ use ratatui::style::Stylize;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
 
-use super::player::{Player, Task};
-use super::{FRAME, NoView, Screen, is_quit, scene};
+use super::player::Player;
+use super::{FRAME, NoView, Screen, is_quit};
 use crate::agent::Greedy;
-use crate::env::{CartPole, Environment};
+use crate::env::{CartPole, Environment, EnvironmentError};
 
 /// Simulated time per time; 1 is the middle.
 const SPEEDS: [f64; 9] = [0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
@@ -24,10 +24,16 @@ const KEYS: &str = "←/→ push  space pause  s step  n next seed  r again  +/-
 /// Plays a policy's episodes from the seeds `seed`, `seed + 1`, … until somebody quits or `stop` is set.
 ///
 /// # Errors
-/// There is no terminal, it is too small, or it fails.
-pub fn watch(policy: Greedy, name: &str, seed: u64, stop: &AtomicBool) -> Result<(), NoView> {
+/// There is no terminal, it is too small, or it or the environment fails.
+pub fn watch(
+    policy: Greedy,
+    environment: Box<dyn Environment>,
+    name: &str,
+    seed: u64,
+    stop: &AtomicBool,
+) -> Result<(), NoView> {
     let mut screen = Screen::open()?;
-    let mut view = Watch::new(policy, name, seed);
+    let mut view = Watch::new(policy, environment, name, seed)?;
     let mut last = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         screen.draw(|frame| view.draw(frame))?;
@@ -36,9 +42,9 @@ pub fn watch(policy: Greedy, name: &str, seed: u64, stop: &AtomicBool) -> Result
             if is_quit(key) {
                 return Ok(());
             }
-            view.press(key);
+            view.press(key)?;
         }
-        view.advance(last.elapsed());
+        view.advance(last.elapsed())?;
         last = Instant::now();
     }
     Ok(())
@@ -59,76 +65,85 @@ struct Watch {
 }
 
 impl Watch {
-    fn new(policy: Greedy, name: &str, seed: u64) -> Self {
+    fn new(
+        policy: Greedy,
+        environment: Box<dyn Environment>,
+        name: &str,
+        seed: u64,
+    ) -> Result<Self, EnvironmentError> {
         let mut view = Self {
             name: name.into(),
-            player: Player::new(policy, seed),
+            player: Player::new(policy, environment, seed)?,
             speed: SPEEDS.len() / 2,
             paused: false,
             due: 0.0,
             rested: Duration::ZERO,
             q_range: (0.0, 0.0),
         };
-        view.start(seed);
-        view
+        view.start(seed)?;
+        Ok(view)
     }
 
-    fn start(&mut self, seed: u64) {
-        self.player.start(seed);
+    fn start(&mut self, seed: u64) -> Result<(), EnvironmentError> {
+        self.player.start(seed)?;
         (self.due, self.rested) = (0.0, Duration::ZERO);
         self.q_range = (f32::INFINITY, f32::NEG_INFINITY);
         self.measure();
+        Ok(())
     }
 
     fn measure(&mut self) {
-        for q in self.player.q_values {
+        for &q in &self.player.q_values {
             self.q_range = (self.q_range.0.min(q), self.q_range.1.max(q));
         }
     }
 
-    fn step(&mut self) {
-        self.player.step();
+    fn step(&mut self) -> Result<(), EnvironmentError> {
+        self.player.step()?;
         self.measure();
+        Ok(())
     }
 
     /// Lets time pass.
-    fn advance(&mut self, time: Duration) {
+    fn advance(&mut self, time: Duration) -> Result<(), EnvironmentError> {
         if self.paused {
-            return;
+            return Ok(());
         }
         if self.player.end.is_some() {
             self.rested += time;
             if self.rested >= REST {
-                self.start(self.player.seed.wrapping_add(1));
+                self.start(self.player.seed.wrapping_add(1))?;
             }
-            return;
+            return Ok(());
         }
-        self.due += time.as_secs_f64() * SPEEDS[self.speed] * f64::from(CartPole::STEPS_PER_SECOND);
+        self.due += time.as_secs_f64() * SPEEDS[self.speed] * self.player.spec().steps_per_second;
         while self.due >= 1.0 {
             self.due -= 1.0;
-            self.step();
+            self.step()?;
         }
+        Ok(())
     }
 
-    fn press(&mut self, key: KeyEvent) {
+    fn press(&mut self, key: KeyEvent) -> Result<(), EnvironmentError> {
         match key.code {
             KeyCode::Left => self.player.push(0),
             KeyCode::Right => self.player.push(1),
             KeyCode::Char(' ') => self.paused = !self.paused,
             KeyCode::Char('s' | '.') => {
                 self.paused = true;
-                self.step();
+                self.step()?;
             }
-            KeyCode::Char('n') => self.start(self.player.seed.wrapping_add(1)),
-            KeyCode::Char('r') => self.start(self.player.seed),
+            KeyCode::Char('n') => self.start(self.player.seed.wrapping_add(1))?,
+            KeyCode::Char('r') => self.start(self.player.seed)?,
             KeyCode::Char('+' | '=') => self.speed = (self.speed + 1).min(SPEEDS.len() - 1),
             KeyCode::Char('-') => self.speed = self.speed.saturating_sub(1),
             _ => {}
         }
+        Ok(())
     }
 
     fn draw(&self, frame: &mut Frame<'_>) {
-        let [title, cart, values, returns, keys] = Layout::vertical([
+        let [title, picture, values, returns, keys] = Layout::vertical([
             Constraint::Length(1),
             Constraint::Min(8),
             Constraint::Length(4),
@@ -139,7 +154,7 @@ impl Watch {
         let name = format!(" {}", self.name);
         frame.render_widget(Line::from(vec!["watch".bold(), name.into()]), title);
         let block = Block::bordered().title(self.status()).title_bottom(self.state());
-        scene::draw(frame, cart, block, self.player.state());
+        self.player.draw(frame, picture, block);
         self.draw_values(frame, values);
         frame.render_widget(Paragraph::new(self.returns(usize::from(returns.width))), returns);
         frame.render_widget(Line::from(KEYS).dim(), keys);
@@ -158,11 +173,15 @@ impl Watch {
             (None, None, true) => "paused",
             (None, None, false) => "plays",
         };
-        format!(" seed {seed} │ step {steps} of {} │ {}x │ {what} ", Task::MAX_RETURN, SPEEDS[self.speed])
+        format!(
+            " seed {seed} │ step {steps} of {} │ {}x │ {what} ",
+            self.player.spec().max_steps,
+            SPEEDS[self.speed]
+        )
     }
 
     fn state(&self) -> String {
-        let [x, x_dot, angle, angle_dot] = self.player.state();
+        let [x, x_dot, angle, angle_dot] = self.player.state()[..] else { return String::new() };
         let (angle, angle_dot) = (angle.to_degrees(), angle_dot.to_degrees());
         format!(" x {x:+.2} m │ v {x_dot:+.2} m/s │ θ {angle:+.1}° │ ω {angle_dot:+.0}°/s ")
     }
@@ -192,7 +211,7 @@ impl Watch {
         if returns.is_empty() {
             return vec![Line::from("returns: none yet")];
         }
-        let mean = returns.iter().map(|(total, _)| *total as f64).sum::<f64>() / returns.len() as f64;
+        let mean = returns.iter().map(|(total, _)| *total).sum::<f64>() / returns.len() as f64;
         let latest = returns.iter().rev().take(width.saturating_sub(24) / 5);
         let latest: String =
             latest.map(|(total, pushed)| format!(" {total}{}", if *pushed { "*" } else { "" })).collect();
@@ -213,16 +232,17 @@ fn bar(share: f32, width: usize) -> String {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::view::tests::{policy, text};
 
     fn view() -> Watch {
-        Watch::new(Greedy::new(policy(), 1), "runs/x", 7)
+        Watch::new(policy().greedy(1), Box::new(CartPole::v1()), "runs/x", 7).unwrap()
     }
 
     fn press(view: &mut Watch, code: KeyCode) {
-        view.press(KeyEvent::from(code));
+        view.press(KeyEvent::from(code)).unwrap();
     }
 
     fn shown(view: &Watch) -> String {
@@ -233,14 +253,14 @@ mod tests {
     fn time_runs_at_50_steps_a_second_times_the_speed() {
         let second = Duration::from_secs(1);
         let mut view = view();
-        view.advance(second);
+        view.advance(second).unwrap();
         assert_eq!(view.player.steps, 50);
         press(&mut view, KeyCode::Char('-'));
-        view.advance(second);
+        view.advance(second).unwrap();
         assert_eq!(view.player.steps, 75);
         press(&mut view, KeyCode::Char('+'));
         press(&mut view, KeyCode::Char('+'));
-        view.advance(second / 4);
+        view.advance(second / 4).unwrap();
         assert_eq!(view.player.steps, 100);
         assert!(shown(&view).contains("step 100 of 500 │ 2x │ plays"), "{}", shown(&view));
     }
@@ -249,14 +269,14 @@ mod tests {
     fn a_pause_stops_time_and_single_steps_go_through_it() {
         let mut view = view();
         press(&mut view, KeyCode::Char(' '));
-        view.advance(Duration::from_secs(9));
+        view.advance(Duration::from_secs(9)).unwrap();
         assert_eq!(view.player.steps, 0);
         press(&mut view, KeyCode::Char('s'));
-        view.advance(Duration::from_secs(9));
+        view.advance(Duration::from_secs(9)).unwrap();
         assert_eq!(view.player.steps, 1);
         assert!(shown(&view).contains("paused"));
         press(&mut view, KeyCode::Char(' '));
-        view.advance(Duration::from_millis(20));
+        view.advance(Duration::from_millis(20)).unwrap();
         assert_eq!(view.player.steps, 2);
     }
 
@@ -265,13 +285,13 @@ mod tests {
         let mut view = view();
         press(&mut view, KeyCode::Char('n'));
         assert_eq!((view.player.seed, view.player.returns.len()), (8, 0));
-        view.advance(Duration::from_secs(60));
+        view.advance(Duration::from_secs(60)).unwrap();
         let total = view.player.steps;
         assert!(view.player.end.is_some());
-        view.advance(REST / 2);
+        view.advance(REST / 2).unwrap();
         assert_eq!(view.player.steps, total, "the end stays a moment");
         assert!(shown(&view).contains(&format!("returns, latest first: {total} ")), "{}", shown(&view));
-        view.advance(REST);
+        view.advance(REST).unwrap();
         assert_eq!((view.player.seed, view.player.steps), (9, 0));
         press(&mut view, KeyCode::Char('r'));
         assert_eq!(view.player.seed, 9);
@@ -280,7 +300,7 @@ mod tests {
     #[test]
     fn shows_the_q_values_the_choice_and_a_push() {
         let mut view = view();
-        view.advance(Duration::from_millis(100));
+        view.advance(Duration::from_millis(100)).unwrap();
         let screen = shown(&view);
         let lines: Vec<&str> =
             screen.lines().filter(|line| line.contains("left ◄") || line.contains("right ►")).collect();

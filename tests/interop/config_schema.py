@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Holds the JSON Schema of configs against the program: both must accept the same files.
+"""Checks the JSON Schema of configs against the program: both must accept the same files.
 
     python config_schema.py --binary target/release/cartpole-dqn
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from jsonschema import Draft202012Validator
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
-# What binds several keys is checked by the program alone: these keep it out of the way.
+# Only the program checks the rules that concern several keys. These values keep the rules.
 ROOM = {"replay": {"warmup_steps": 0, "batch_size": 1}, "exploration": {"initial": 1.0, "final": 0.0}}
 
 
@@ -33,7 +33,7 @@ def boundaries(schema):
             if schema["type"] == "number":
                 yield from (value * (1 + 1e-12), value * (1 - 1e-12))
     if schema.get("type") == "array":
-        for size in (schema.get("minItems", 0), schema["maxItems"]):
+        for size in (schema.get("minItems", 0), schema.get("maxItems", 4)):
             for item in boundaries(schema["items"]):
                 yield from ([item] * size, [item] * (size + 1))
     for alternative in schema.get("anyOf", []):
@@ -92,6 +92,7 @@ def binds_several_keys(message):
         words in message
         for words in (
             "GiB of memory", "at most `replay.capacity`", "at most `exploration.initial`", "or nothing is learned", '"target" only if',
+            "observation coordinates",
         )
     )
 

@@ -4,11 +4,12 @@ use cartpole_dqn::check::{
     Batch, CATALOGUE, Moments, Reference, Results, Settings, Stage, State, Update, Variant, Verdict, check,
 };
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::CartPole;
 use cartpole_dqn::explain::lesson;
 use cartpole_dqn::nn::{Loss, Mlp};
 use cartpole_dqn::rng::Rng;
-use cartpole_dqn::trainer::{Event, Trainer};
+use cartpole_dqn::trainer::Event;
+
+use super::tasks::dqn;
 use nalgebra::DMatrix;
 use predicates::prelude::*;
 use serde_json::Value;
@@ -305,13 +306,13 @@ fn the_update_that_explain_shows_is_the_one_of_the_training() {
     };
     for (settings, updates) in [(&["learn.updates=3"][..], 60), (&["replay.update=per_sample"], 160)] {
         let config = set(settings);
-        let mut trainer = Trainer::new(config.clone(), CartPole::v1());
-        while trainer.agent().adam.steps < updates {
-            trainer.step(&mut Vec::<Event>::new(), None).unwrap();
+        let mut trainer = config.make_trainer().unwrap();
+        while dqn(&trainer).adam.steps < updates {
+            trainer.step(&mut Vec::<Event>::new()).unwrap();
         }
         let lesson = lesson(&config, updates).unwrap();
-        assert_eq!(lesson.after.online, trainer.agent().online, "{settings:?}");
-        assert_eq!(lesson.after.adam, trainer.agent().adam);
+        assert_eq!(lesson.after.online, dqn(&trainer).online, "{settings:?}");
+        assert_eq!(lesson.after.adam, dqn(&trainer).adam);
         assert_eq!(lesson.env_steps, trainer.progress().env_steps);
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::fs;
 
-use cartpole_dqn::checkpoint::seal;
+use cartpole_dqn::run::seal;
 use predicates::prelude::*;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
@@ -321,11 +321,11 @@ fn standard_input_and_output_take_the_place_of_files() {
 /// The bytes of a checkpoint are those of the network that was trained on scaled rewards; what is shown is not.
 #[test]
 fn q_values_are_in_raw_rewards_and_the_scale_changes_no_action() {
-    use cartpole_dqn::checkpoint::Checkpoint;
+    use cartpole_dqn::run::Checkpoint;
     let sandbox = Sandbox::new();
     sandbox.train(&["--out", "run", "--set", "reward_scale=0.01"]).success();
     let mut bare = Checkpoint::default();
-    bare.put_network("", &Checkpoint::read(&sandbox.path(BEST)).unwrap().policy(4, 2).unwrap());
+    bare.tensors = Checkpoint::read(&sandbox.path(BEST)).unwrap().tensors;
     bare.write(&sandbox.path(FOREIGN)).unwrap();
     let [scaled, raw] = [BEST, FOREIGN].map(|file| {
         sandbox.run(&["eval", file, "--episodes", "3", "--trace", "trace"]).success();

@@ -292,10 +292,10 @@ fn verify_notices_another_progress_csv() {
 
 #[test]
 fn a_run_starts_with_the_weights_of_a_file_whatever_the_scale_of_its_observations() {
-    use cartpole_dqn::checkpoint::Checkpoint;
+    use cartpole_dqn::run::Checkpoint;
     let sandbox = Sandbox::with_run();
     let hardly_learns = ["--set", "optimizer.learning_rate=1e-12", "--set", "policy_weights=online"];
-    let policy = |name: &str| Checkpoint::read(&sandbox.path(name)).unwrap().policy(4, 2).unwrap();
+    let policy = |name: &str| Checkpoint::read(&sandbox.path(name)).unwrap().tensors.network(4, 2).unwrap();
     let given = policy("run/checkpoints/last.safetensors");
     for (out, scale) in [("same", "[1.2,1,0.105,1]"), ("other", "[3,0.5,7,0.01]"), ("none", "null")] {
         let scale = format!("observation_divisors={scale}");

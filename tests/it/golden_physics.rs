@@ -1,7 +1,6 @@
 //! The physics against episodes recorded from Gymnasium.
 
-use cartpole_dqn::env::{CartPole, Environment};
-use cartpole_dqn::rng::Rng;
+use cartpole_dqn::env::{CartPole, Environment, Start};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -24,19 +23,20 @@ fn every_transition_agrees(name: &str) {
     for Episode { seed, initial_state, actions, states, terminated, truncated } in episodes(name) {
         // The time limit counts; the state before each step is the recorded one, because the pole is unstable.
         let mut limit = CartPole::v1();
-        limit.reset(&mut Rng::from_seed(seed));
+        let mut observation = [0.0; 4];
+        limit.reset(Start::Seed(seed), &mut observation).unwrap();
         let befores = std::iter::once(&initial_state).chain(&states);
         for (index, ((before, after), &action)) in befores.zip(&states).zip(&actions).enumerate() {
             let mut physics = CartPole::at(*before);
-            let step = physics.step(action);
-            let truncates = limit.step(action).truncated;
-            for (ours, theirs) in physics.state().iter().zip(after) {
+            let outcome = physics.step(action, &mut observation).unwrap();
+            let truncates = limit.step(action, &mut [0.0; 4]).unwrap().truncated;
+            for (ours, theirs) in physics.state().unwrap().iter().zip(after) {
                 assert!((ours - theirs).abs() <= 1e-14, "seed {seed}, step {index}: {ours} for {theirs}");
             }
-            assert_eq!(step.observation, after.map(|coordinate| coordinate as f32));
-            assert_eq!(step.reward, 1.0);
+            assert_eq!(observation, after.map(|coordinate| coordinate as f32));
+            assert_eq!(outcome.reward, 1.0);
             let last = index + 1 == actions.len();
-            assert_eq!(step.terminated, last && terminated, "seed {seed}, step {index}");
+            assert_eq!(outcome.terminated, last && terminated, "seed {seed}, step {index}");
             assert_eq!(truncates, last && truncated, "seed {seed}, step {index}");
         }
     }
@@ -45,9 +45,10 @@ fn every_transition_agrees(name: &str) {
 fn every_reset_agrees_to_the_bit(name: &str) {
     for Episode { seed, initial_state, .. } in episodes(name) {
         let mut environment = CartPole::v1();
-        let observation = environment.reset(&mut Rng::from_seed(seed));
+        let mut observation = [0.0; 4];
+        environment.reset(Start::Seed(seed), &mut observation).unwrap();
         let bits = |state: &[f64]| state.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(environment.state()), bits(&initial_state), "seed {seed}");
+        assert_eq!(bits(environment.state().unwrap()), bits(&initial_state), "seed {seed}");
         assert_eq!(observation, initial_state.map(|coordinate| coordinate as f32), "seed {seed}");
     }
 }
@@ -90,6 +91,7 @@ fn the_limits_are_gymnasiums() {
         ([0.0, 0.0, -max_angle - 1e-9, 0.0], true),
     ] {
         // A step with no velocity leaves x and θ where they are.
-        assert_eq!(CartPole::at(state).step(0).terminated, terminated, "{state:?}");
+        let outcome = CartPole::at(state).step(0, &mut [0.0; 4]).unwrap();
+        assert_eq!(outcome.terminated, terminated, "{state:?}");
     }
 }

@@ -1,14 +1,14 @@
 //! The DQN update against PyTorch's, and the gradients against finite differences.
 
 use cartpole_dqn::agent::td;
-use cartpole_dqn::nn::{Activations, Adam, AdamConfig, Float, Loss, Mlp};
+use cartpole_dqn::nn::{Activations, Adam, AdamConfig, Kernels, Loss, Mlp};
 use nalgebra::DMatrix;
 use serde_json::Value;
 
 use crate::{golden, numbers};
 
 /// A network from the tensors of a `state_dict`.
-fn network<T: Float>(sizes: &[usize], tensors: &Value) -> Mlp<T> {
+fn network<T: Kernels>(sizes: &[usize], tensors: &Value) -> Mlp<T> {
     let mut network = Mlp::zeros(sizes.to_vec());
     for layer in 0..network.num_layers() {
         let (inputs, outputs) = (sizes[layer], sizes[layer + 1]);
@@ -25,12 +25,12 @@ fn network<T: Float>(sizes: &[usize], tensors: &Value) -> Mlp<T> {
     network
 }
 
-fn matrix<T: Float>(batch: usize, rows: &Value) -> DMatrix<T> {
+fn matrix<T: Kernels>(batch: usize, rows: &Value) -> DMatrix<T> {
     let values: Vec<T> = numbers(rows).into_iter().map(T::from_f64).collect();
     DMatrix::from_row_slice(batch, values.len() / batch, &values)
 }
 
-fn assert_close<T: Float + Into<f64>>(ours: &[T], theirs: &[T], tolerance: f64, what: &str) {
+fn assert_close<T: Kernels + Into<f64>>(ours: &[T], theirs: &[T], tolerance: f64, what: &str) {
     assert_eq!(ours.len(), theirs.len(), "{what}");
     for (index, (&ours, &theirs)) in ours.iter().zip(theirs).enumerate() {
         let (ours, theirs): (f64, f64) = (ours.into(), theirs.into());
@@ -40,7 +40,7 @@ fn assert_close<T: Float + Into<f64>>(ours: &[T], theirs: &[T], tolerance: f64, 
 }
 
 /// Follows every recorded update with the calls that `Dqn::learn` makes.
-fn follow<T: Float + Into<f64>>(tolerance: f64) {
+fn follow<T: Kernels + Into<f64>>(tolerance: f64) {
     let cases = golden("torch_dqn_update.json")["cases"].clone();
     for case in cases.as_array().unwrap() {
         let name = format!("{} {} double={}", case["sizes"], case["loss"], case["double"]);

@@ -5,13 +5,12 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::assert::Assert;
 use cartpole_dqn::check::{Update, check};
-use cartpole_dqn::checkpoint::{Checkpoint, seal};
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::CartPole;
 use cartpole_dqn::explain::lesson;
 use cartpole_dqn::report::Report;
+use cartpole_dqn::run::{Checkpoint, Header, seal};
 use cartpole_dqn::study::read_trial;
-use cartpole_dqn::trainer::{Budget, Event, Header, Trainer};
+use cartpole_dqn::trainer::{Budget, Event};
 use predicates::prelude::PredicateBooleanExt as _;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -125,16 +124,18 @@ fn with_mutated_header(valid: &[u8], mutations: &[Mutation]) -> Vec<u8> {
 /// Does with a checkpoint what the program does.
 fn load(bytes: &[u8]) {
     let Ok(checkpoint) = Checkpoint::from_bytes(bytes) else { return };
-    let _ = checkpoint.policy(4, 2);
-    let _ = checkpoint.header::<Header>();
-    let Ok(mut trainer) = Trainer::resume(&checkpoint, CartPole::v1()) else { return };
-    let config = trainer.config();
-    let takes_long = config.evaluation.episodes > 100 || config.learn.updates > 100;
-    if takes_long || !trainer.set_budget(Budget::Steps(trainer.progress().env_steps + 10)) {
+    let _ = checkpoint.tensors.network(4, 2);
+    let Ok(Header { mut config, progress: Some(progress), .. }) = checkpoint.header() else { return };
+    let takes_long = config.evaluation.episodes > 100 || config.dqn.learn.updates > 100;
+    if takes_long || config.check_memory(1).is_err() {
         return;
     }
+    config.budget = Budget::Steps(progress.env_steps.saturating_add(10));
+    let Ok(mut trainer) = config.make_trainer().unwrap().resume(progress, &checkpoint.tensors) else {
+        return;
+    };
     for _ in 0..10 {
-        if trainer.step(&mut Vec::<Event>::new(), None).is_err() {
+        if trainer.step(&mut Vec::<Event>::new()).is_err() {
             return;
         }
     }
@@ -160,7 +161,8 @@ fn a_mutated_config_is_a_config_or_refused() {
     proptest!(cases(3000), |(file in select(files), mutations in vec(mutation(), 0..4), set in ".{0,30}")| {
         let text = String::from_utf8_lossy(&mutated(&file, &mutations)).into_owned();
         if let Ok(config) = Config::from_layers(Some(("file", &text)), &[]) {
-            config.validate().unwrap();
+            let written = serde_json::to_string(&config).unwrap();
+            assert_eq!(Config::from_layers(Some(("written", &written)), &[]).unwrap(), config);
         }
         let _ = Config::from_layers(None, &[set]);
     });

@@ -1,6 +1,6 @@
-//! The fast kernels against the naive reference, bit for bit, on every path that this CPU has.
+//! The fast kernels against the naive reference, bit for bit, on every instruction set that this CPU has.
 
-use cartpole_dqn::nn::kernels::{AdamCoefficients, Path, fast, reference, scratch_len};
+use cartpole_dqn::nn::kernels::{AdamCoefficients, InstructionSet, fast, reference, scratch_len};
 use cartpole_dqn::rng::Rng;
 use nalgebra::DMatrix;
 
@@ -24,7 +24,8 @@ fn assert_same_bits(ours: &[f32], reference: &[f32], what: &str) {
     }
 }
 
-/// All sizes of a layer in `range`, with outputs pre-filled with NaN, so that nothing stale is kept.
+/// Compares the three products of one layer. The outputs start as NaN, so that a number that is not written is found.
+/// `spoil` is put into x, and its negative into the layer.
 fn compare(batch: usize, inputs: usize, outputs: usize, rng: &mut Rng, spoil: Option<f32>) {
     let nan = |rows, columns| DMatrix::from_element(rows, columns, f32::NAN);
     let mut x = matrix(rng, batch, inputs);
@@ -35,21 +36,22 @@ fn compare(batch: usize, inputs: usize, outputs: usize, rng: &mut Rng, spoil: Op
         layer[outputs / 2] = -value;
     }
     let scratch = &mut vec![f32::NAN; scratch_len(batch, inputs.max(outputs))];
-    for path in Path::available() {
-        let what = format!("{path:?}, batch {batch}, {inputs} -> {outputs}");
+    for set in InstructionSet::available() {
+        let name = set.name();
+        let what = format!("{name}, batch {batch}, {inputs} -> {outputs}");
         for relu in [false, true] {
             let (mut ours, mut expected) = (nan(batch, outputs), nan(batch, outputs));
-            fast::affine(path, &x, &layer, relu, scratch, &mut ours);
+            fast::affine(set, &x, &layer, relu, scratch, &mut ours);
             reference::affine(&x, &layer, relu, &mut expected);
             assert_same_bits(ours.as_slice(), expected.as_slice(), &format!("affine, {what}"));
         }
         let (mut ours, mut expected) = (nan(batch, inputs), nan(batch, inputs));
-        fast::input_gradient(path, &dy, &layer, &x, scratch, &mut ours);
+        fast::input_gradient(set, &dy, &layer, &x, scratch, &mut ours);
         reference::input_gradient(&dy, &layer, &x, &mut expected);
         assert_same_bits(ours.as_slice(), expected.as_slice(), &format!("input_gradient, {what}"));
 
         let (mut ours, mut expected) = (vec![f32::NAN; layer.len()], vec![f32::NAN; layer.len()]);
-        fast::layer_gradient(path, &dy, &x, scratch, &mut ours);
+        fast::layer_gradient(set, &dy, &x, scratch, &mut ours);
         reference::layer_gradient(&dy, &x, &mut expected);
         assert_same_bits(&ours, &expected, &format!("layer_gradient, {what}"));
     }
@@ -104,18 +106,18 @@ fn soft_updates_have_the_references_bits() {
         for tau in [0.005, 0.3, 1.0] {
             let mut expected = target.clone();
             reference::soft_update(tau, &online, &mut expected);
-            for path in Path::available() {
+            for set in InstructionSet::available() {
                 let mut ours = target.clone();
-                fast::soft_update(path, tau, &online, &mut ours);
-                assert_same_bits(&ours, &expected, &format!("soft update, {path:?}, {len} parameters"));
+                fast::soft_update(set, tau, &online, &mut ours);
+                assert_same_bits(&ours, &expected, &format!("soft update, {}, {len} parameters", set.name()));
             }
         }
     }
 }
 
-/// Without a gradient moments halve here, through the subnormal numbers if those were kept.
+/// The coefficients halve both moments, because the gradient is 0. Without the flush they would become subnormal.
 #[test]
-fn moments_that_would_become_subnormal_become_zero_on_every_path() {
+fn moments_that_would_become_subnormal_become_zero_on_every_instruction_set() {
     let coefficients = AdamCoefficients {
         beta1: 0.5_f32,
         one_minus_beta1: 0.5,
@@ -140,10 +142,10 @@ fn moments_that_would_become_subnormal_become_zero_on_every_path() {
         let [mut p, mut m, mut v] = [vec![1.0; len], first.clone(), second.clone()];
         reference::adam(&coefficients, &mut p, &gradient, &mut m, &mut v);
         check(&m, &v, "reference");
-        for path in Path::available() {
+        for set in InstructionSet::available() {
             let [mut p, mut m, mut v] = [vec![1.0; len], first.clone(), second.clone()];
-            fast::adam(path, &coefficients, &mut p, &gradient, &mut m, &mut v);
-            check(&m, &v, path.name());
+            fast::adam(set, &coefficients, &mut p, &gradient, &mut m, &mut v);
+            check(&m, &v, set.name());
         }
     }
 }
@@ -167,20 +169,29 @@ fn adam_has_the_references_bits() {
         let mut expected = [parameters.clone(), first.clone(), second.clone()];
         let [p, m, v] = &mut expected;
         assert!(reference::adam(&coefficients, p, &gradient, m, v));
-        for path in Path::available() {
+        for set in InstructionSet::available() {
             let mut ours = [parameters.clone(), first.clone(), second.clone()];
             let [p, m, v] = &mut ours;
-            assert!(fast::adam(path, &coefficients, p, &gradient, m, v));
+            assert!(fast::adam(set, &coefficients, p, &gradient, m, v));
             for (ours, expected) in ours.iter().zip(&expected) {
-                assert_same_bits(ours, expected, &format!("adam, {path:?}, {len} parameters"));
+                assert_same_bits(ours, expected, &format!("adam, {}, {len} parameters", set.name()));
             }
             for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
                 let mut gradient = gradient.clone();
                 gradient[len - 1] = bad;
                 let [mut p, mut m, mut v] = [parameters.clone(), first.clone(), second.clone()];
-                let finite = fast::adam(path, &coefficients, &mut p, &gradient, &mut m, &mut v);
-                assert!(!finite, "{path:?} overlooked the gradient {bad}");
+                let finite = fast::adam(set, &coefficients, &mut p, &gradient, &mut m, &mut v);
+                assert!(!finite, "{} overlooked the gradient {bad}", set.name());
             }
         }
     }
+}
+
+/// 2⁶³ · 2 is 0 in 64 bits, the length of an empty layer.
+#[test]
+#[should_panic(expected = "fits_layer")]
+fn refuses_a_layer_whose_length_overflows() {
+    let (x, dy) = (DMatrix::zeros(0, usize::MAX / 2), DMatrix::zeros(0, 2));
+    let scratch = &mut vec![0.0; scratch_len(0, 2)];
+    fast::input_gradient(InstructionSet::SCALAR, &dy, &[], &x, scratch, &mut x.clone());
 }

@@ -28,6 +28,7 @@ mod run_dir;
 mod signals;
 mod simd;
 mod study;
+mod tasks;
 mod training;
 
 use std::path::PathBuf;

@@ -1,8 +1,8 @@
 //! CartPole is its own mirror image, and `replay.mirror` makes use of it.
 
-use cartpole_dqn::agent::{Dqn, Minibatch, Replay, Transition};
+use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition};
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::{CartPole, Environment};
+use cartpole_dqn::env::{CartPole, Environment, Start};
 use cartpole_dqn::mirror::Mirror;
 use cartpole_dqn::rng::Rng;
 
@@ -14,17 +14,18 @@ fn image(mirror: &Mirror, observation: &[f32]) -> Vec<f32> {
 /// Random states, far beyond what an episode reaches too: every coordinate, reward and end of the image, bit for bit.
 #[test]
 fn the_step_from_a_mirror_image_is_the_mirror_image_of_the_step() {
-    let mirror = CartPole::mirror().unwrap();
+    let mirror = CartPole::default().spec().mirror.clone().unwrap();
     let mut rng = Rng::from_seed(77);
     for _ in 0..10_000 {
         let state = [3.0, 5.0, 0.3, 5.0].map(|range| rng.uniform(-range, range));
         let action = rng.below(2) as usize;
         let (mut here, mut there) = (CartPole::at(state), CartPole::at(state.map(|value| -value)));
-        let step = here.step(action);
-        let reflected = there.step(usize::from(mirror.actions[action]));
-        assert_eq!(there.state(), here.state().iter().map(|value| -value).collect::<Vec<_>>());
-        assert_eq!(reflected.observation.to_vec(), image(&mirror, &step.observation));
-        assert_eq!((reflected.reward, reflected.terminated), (step.reward, step.terminated));
+        let (mut seen, mut reflected) = ([0.0; 4], [0.0; 4]);
+        let outcome = here.step(action, &mut seen).unwrap();
+        assert_eq!(there.step(usize::from(mirror.actions[action]), &mut reflected).unwrap(), outcome);
+        let expected: Vec<f64> = here.state().unwrap().iter().map(|value| -value).collect();
+        assert_eq!(there.state().unwrap(), expected);
+        assert_eq!(reflected.to_vec(), image(&mirror, &seen));
     }
 }
 
@@ -79,24 +80,29 @@ fn the_image_of_a_window_is_the_window_of_the_images() {
 
 /// An agent that has seen 60 transitions of CartPole, or their images.
 fn experienced(sets: &[&str], reflected: bool) -> Dqn {
+    let mirror = CartPole::default().spec().mirror.clone();
     let small = ["network.hidden=[6]", "replay.batch_size=1", "replay.warmup_steps=8", "n_step=3"];
     let sets: Vec<String> = small.iter().chain(sets).map(ToString::to_string).collect();
-    let mut agent = Dqn::new(Config::from_layers(None, &sets).unwrap().dqn(), 4, 2, 3);
+    let mut agent = Dqn::new(Config::from_layers(None, &sets).unwrap().dqn, 4, 2, mirror.as_ref(), 3);
     let (mut environment, mut rng) = (CartPole::v1(), Rng::from_seed(4));
-    let mut observation = environment.reset(&mut rng);
+    let (mut observation, mut next_observation) = ([0.0_f32; 4], [0.0_f32; 4]);
+    environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
     for _ in 0..60 {
         let action = rng.below(2) as usize;
-        let step = environment.step(action);
+        let outcome = environment.step(action, &mut next_observation).unwrap();
         let sign = if reflected { -1.0 } else { 1.0 };
         agent.observe(Transition {
             observation: &observation.map(|value| sign * value),
             action: if reflected { 1 - action } else { action },
-            reward: step.reward,
-            next_observation: &step.observation.map(|value| sign * value),
-            terminated: step.terminated,
-            truncated: step.truncated,
+            reward: outcome.reward as f32,
+            next_observation: &next_observation.map(|value| sign * value),
+            terminated: outcome.terminated,
+            truncated: outcome.truncated,
         });
-        observation = if step.ended() { environment.reset(&mut rng) } else { step.observation };
+        observation = next_observation;
+        if outcome.ended() {
+            environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
+        }
     }
     agent
 }
@@ -105,7 +111,7 @@ fn experienced(sets: &[&str], reflected: bool) -> Dqn {
 fn a_coin_after_the_ages_decides_whether_a_sample_is_reflected() {
     let mut seen = [0; 2];
     for seed in 0..20 {
-        let mut agent = experienced(&["replay.mirror=true"], false).with_mirror(CartPole::mirror().unwrap());
+        let mut agent = experienced(&["replay.mirror=true"], false);
         agent.replay_rng = Rng::from_seed(seed);
         let mut rng = agent.replay_rng.clone();
         let loss = agent.learn().unwrap();

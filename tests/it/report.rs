@@ -1,13 +1,20 @@
 //! `report`: the statistics against rliable and by hand, and the command line.
 
+use std::sync::atomic::AtomicBool;
+
+use cartpole_dqn::config::Config;
+use cartpole_dqn::env::Spec;
+use cartpole_dqn::env::catalogue::EnvironmentId;
 use cartpole_dqn::report::history;
 use cartpole_dqn::report::statistics::{self, Estimate, iqm, mean, median, sorted};
+use cartpole_dqn::study::{NamedConfig, Study, StudyDir};
 use cartpole_dqn::trainer::Evaluation;
 use serde_json::{Value, json};
 
 use crate::cli::{Sandbox, TINY, keys, refusals, sets, stdout_json};
 use crate::numbers;
 use crate::study::tree;
+use crate::tasks::TwoStates;
 
 /// Ends of intervals may differ from rliable's by this share of the interval: the resamples are others, 2,000 and not
 /// 50,000, and the end of an interval is a quantile of them.
@@ -30,6 +37,10 @@ fn agrees(estimate: Estimate, recorded: &Value, what: &str) {
 
 fn recording() -> Value {
     serde_json::from_str(include_str!("../data/rliable.json")).unwrap()
+}
+
+fn cartpole() -> Spec {
+    EnvironmentId::CartPoleV1.spec()
 }
 
 #[test]
@@ -115,16 +126,19 @@ fn evaluations(means: &[f64]) -> Vec<Evaluation> {
 #[test]
 fn the_course_of_a_run_by_hand() {
     let run = evaluations(&[10.0, 475.0, 500.0, 474.9, 480.0, 100.0, 90.0]);
-    assert_eq!(history::steps_to_solve(&run), Some(200));
-    let kept = history::retention(&run).unwrap();
+    assert_eq!(history::steps_to_solve(&run, &cartpole()), Some(200));
+    let kept = history::retention(&run, &cartpole()).unwrap();
     assert_eq!((kept.evaluations, kept.solved, kept.collapses), (5, 2, 2));
     assert_eq!(kept.worst, Some(Evaluation { env_steps: 700, mean: 90.0 }));
     let never = evaluations(&[10.0, 474.9]);
-    assert!(history::retention(&never).is_none() && history::steps_to_solve(&never).is_none());
+    assert!(
+        history::retention(&never, &cartpole()).is_none()
+            && history::steps_to_solve(&never, &cartpole()).is_none()
+    );
 
     let grid = [50, 100, 250, 300, 400];
-    assert_eq!(history::on_grid(&run[..3], false, &grid), [0.0, 10.0, 475.0, 500.0, 500.0]);
-    assert_eq!(history::on_grid(&run[..3], true, &grid), [0.0, 10.0, 475.0, 500.0, 0.0]);
+    assert_eq!(history::on_grid(&run[..3], false, &cartpole(), &grid), [0.0, 10.0, 475.0, 500.0, 500.0]);
+    assert_eq!(history::on_grid(&run[..3], true, &cartpole(), &grid), [0.0, 10.0, 475.0, 500.0, 0.0]);
     // (0 + 10)/2 · 50 + (10 + 475)/2 · 150 + (475 + 500)/2 · 50 + 500 · 100 = 111,000, over 350 steps.
     let area = history::area_under_curve(&grid, &[0.0, 10.0, 475.0, 500.0, 500.0]);
     assert!((area - 111_000.0 / 350.0).abs() < 1e-12);
@@ -133,7 +147,8 @@ fn the_course_of_a_run_by_hand() {
 
 /// A study by hand: per config its name and the final scores of the seeds from 0; `None` for a failed run.
 fn write_study(sandbox: &Sandbox, configs: &[(&str, &[Option<f64>])]) {
-    let manifest: Vec<Value> = configs.iter().map(|(name, _)| json!({"name": name, "config": {}})).collect();
+    let manifest: Vec<Value> =
+        configs.iter().map(|(name, _)| json!(NamedConfig::new((*name).into(), Config::default()))).collect();
     let seeds = configs[0].1.len();
     let manifest = json!({"format_version": 1, "version": "0", "configs": manifest, "seeds": {"start": 0, "end": seeds}});
     sandbox.write("s/study.json", manifest.to_string());
@@ -341,7 +356,7 @@ fn write_run(sandbox: &Sandbox, means: &[f64]) {
     }
     let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
     sandbox.write("r/metrics.jsonl", text + "{\"event\": \"eval");
-    sandbox.write("r/config.json", "{\"seed\": 7}");
+    sandbox.write("r/config.json", "{\"seed\": 7, \"environment\": \"CartPole-v1\"}");
 }
 
 #[test]
@@ -501,23 +516,58 @@ refusals! {
     refuses_a_study_of_another_format:
         [("r/study.json", b"{\"format_version\": 99, \"configs\": [], \"seeds\": {\"start\": 0, \"end\": 1}}")], RUN
         => ["r/study.json", "format_version 99", "reads 1"];
-    refuses_a_study_without_a_trial:
-        [("r/study.json", b"{\"format_version\": 1, \"configs\": [{\"name\": \"a\"}], \"seeds\": {\"start\": 0, \"end\": 1}}")],
-        RUN => ["no trial is finished", "command first"];
-    refuses_a_damaged_trial:
-        [("r/study.json", b"{\"format_version\": 1, \"configs\": [{\"name\": \"a\"}], \"seeds\": {\"start\": 0, \"end\": 1}}"),
-         ("r/trials/0/0.json", b"{\"config\"")], RUN => ["r/trials/0/0.json", "line 1"];
     refuses_a_run_without_an_evaluation:
-        [("r/config.json", b"{}"), ("r/metrics.jsonl", b"")], RUN => ["r/metrics.jsonl", "no evaluation"];
+        [("r/config.json", b"{\"environment\": \"CartPole-v1\"}"), ("r/metrics.jsonl", b"")], RUN => ["r/metrics.jsonl", "no evaluation"];
     refuses_damaged_metrics:
-        [("r/config.json", b"{}"), ("r/metrics.jsonl", b"{}\nx\n")], RUN => ["r/metrics.jsonl", "line 2"];
+        [("r/config.json", b"{\"environment\": \"CartPole-v1\"}"), ("r/metrics.jsonl", b"{}\nx\n")], RUN => ["r/metrics.jsonl", "line 2"];
+}
+
+#[test]
+fn refuses_a_study_without_a_whole_trial() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("a", &[])]);
+    sandbox.refuses(&["report", "s"], &["no trial is finished", "command first"]);
+    write_study(&sandbox, &[("a", &[Some(1.0)])]);
+    sandbox.write("s/trials/0/0.json", "{\"config\"");
+    sandbox.refuses(&["report", "s"], &["s/trials/0/0.json", "line 1"]);
+}
+
+/// Three actions, negative returns: a failed run counts as the lowest return, and below every other.
+#[test]
+fn a_study_of_negative_returns_ranks_and_draws_them() {
+    let sandbox = Sandbox::new();
+    let small = ["network.hidden=[8]", "replay.warmup_steps=50", "exploration.steps=500", "budget.steps=900"];
+    let config = |extra: &str| {
+        let sets: Vec<String> = small.iter().chain([&extra]).map(ToString::to_string).collect();
+        let config = Config::from_layers(None, &sets).unwrap();
+        let task = TwoStates::make()(1).unwrap().spec().clone();
+        NamedConfig { name: extra.into(), config, task }
+    };
+    let mut configs = vec![config("gamma=0.99"), config("gamma=0.9"), config("gamma=0.5")];
+    // Diverges at once.
+    configs[1].config.dqn.optimizer.learning_rate = 1e38;
+    let study = Study::new(configs, 0..10, false);
+    let folder = StudyDir::open(&sandbox.path("s"), &study).unwrap();
+    let make = |_: &Config| TwoStates::make();
+    folder.run_in(&study, &make, 2, &AtomicBool::new(false), |_| {}).unwrap();
+    drop(folder);
+    sandbox.run(&["report", "s"]).success();
+    let report = sandbox.json("s/report.json");
+    let [good, failed, _] = [0, 1, 2].map(|i| &report["configs"][i]);
+    assert_eq!((&good["final_solved"], &failed["failed"]), (&json!(10), &json!(10)), "{report}");
+    assert_eq!(failed["final_iqm"]["value"], -20.0);
+    assert!(good["final_iqm"]["value"].as_f64().unwrap() > -0.5);
+    let points = good["performance_profile"].as_array().unwrap();
+    assert_eq!((&points[0]["tau"], points.len()), (&json!(-20.0), 100));
+    let plot = sandbox.read("s/learning_curves.svg");
+    assert!(plot.contains("-20") || plot.contains("−20"), "{plot}");
 }
 
 #[test]
 fn the_best_policy_of_a_report_is_the_one_that_the_run_keeps() {
     let sandbox = Sandbox::new();
-    // No policy falls within 8 steps, so all evaluations are equal.
-    sandbox.train(&["--out", "run", "--set", "max_episode_steps=8"]).success();
+    // Nothing is learned, so all evaluations are equal.
+    sandbox.train(&["--out", "run", "--set", "optimizer.learning_rate=1e-30"]).success();
     sandbox.run(&["report", "run"]).success();
     let (report, summary) = (sandbox.json("run/report.json"), sandbox.json("run/summary.json"));
     assert_eq!(report["best"], summary["best_evaluation"]);

@@ -54,15 +54,15 @@ fn the_policy_in_the_page_is_the_one_that_eval_plays() {
     let page = data(&sandbox.read("page.html"));
     let episode = &page["runs"][0]["portrait"]["episode"];
     assert_eq!(episode["seed"], trace[0]["seed"]);
-    assert_eq!(episode["positions"].as_array().unwrap().len(), trace.len() + 1);
+    assert_eq!(episode["state"][0].as_array().unwrap().len(), trace.len() + 1);
     for (i, step) in trace.iter().enumerate() {
         let close = |ours: &Value, theirs: &Value| {
             let (ours, theirs) = (ours.as_f64().unwrap(), theirs.as_f64().unwrap());
             assert!((ours - theirs).abs() < 1e-4, "step {i}: {ours}, {theirs}");
         };
         assert_eq!(episode["actions"][i], step["action"], "step {i}");
-        for (series, coordinate) in [("positions", 0), ("angles", 2), ("velocities", 3)] {
-            close(&episode[series][i], &step["state"][coordinate]);
+        for coordinate in 0..4 {
+            close(&episode["state"][coordinate][i], &step["state"][coordinate]);
         }
         for action in 0..2 {
             close(&episode["q_values"][i][action], &step["q_values"][action]);

@@ -192,7 +192,8 @@ fn a_checkpoint_that_cannot_be_one_is_refused_before_it_is_read() {
 
 #[test]
 fn a_checkpoint_sealed_again_with_spaces_in_its_json_is_whole() {
-    use cartpole_dqn::checkpoint::{Checkpoint, sha256};
+    use cartpole_dqn::run::Checkpoint;
+    use cartpole_dqn::tensors::sha256;
     let sandbox = Sandbox::with_run();
     let bytes = fs::read(sandbox.path("run/checkpoints/best.safetensors")).unwrap();
     let end = 8 + usize::try_from(u64::from_le_bytes(bytes[..8].try_into().unwrap())).unwrap();

@@ -1,10 +1,10 @@
 //! `CARTPOLE_DQN_SIMD`: every instruction set gives the same run.
 
-use cartpole_dqn::nn::kernels::Path;
+use cartpole_dqn::nn::kernels::InstructionSet;
 
 use crate::cli::Sandbox;
 
-fn train(sandbox: &Sandbox, path: &str, out: &str) -> assert_cmd::assert::Assert {
+fn train(sandbox: &Sandbox, instruction_set: &str, out: &str) -> assert_cmd::assert::Assert {
     sandbox
         .command(&[
             "train",
@@ -13,25 +13,25 @@ fn train(sandbox: &Sandbox, path: &str, out: &str) -> assert_cmd::assert::Assert
             "--out",
             out,
         ])
-        .env(Path::VARIABLE, path)
+        .env(InstructionSet::VARIABLE, instruction_set)
         .assert()
 }
 
 #[test]
-fn every_path_of_this_cpu_gives_the_same_bytes() {
+fn every_instruction_set_of_this_cpu_gives_the_same_bytes() {
     let sandbox = Sandbox::new();
     train(&sandbox, "scalar", "scalar").success();
-    for path in Path::available().into_iter().filter(|&path| path != Path::Scalar) {
-        train(&sandbox, path.name(), path.name()).success();
+    for set in InstructionSet::available().into_iter().filter(|&set| set != InstructionSet::SCALAR) {
+        train(&sandbox, set.name(), set.name()).success();
         for file in ["metrics.jsonl", "checkpoints/best.safetensors", "checkpoints/last.safetensors"] {
-            let bytes = |path: &str| std::fs::read(sandbox.path(&format!("{path}/{file}"))).unwrap();
-            assert!(bytes(path.name()) == bytes("scalar"), "{path:?}: {file}");
+            let bytes = |name: &str| std::fs::read(sandbox.path(&format!("{name}/{file}"))).unwrap();
+            assert!(bytes(set.name()) == bytes("scalar"), "{}: {file}", set.name());
         }
     }
 }
 
 #[test]
-fn refuses_a_path_that_this_cpu_does_not_have() {
+fn refuses_an_instruction_set_that_this_cpu_does_not_have() {
     let sandbox = Sandbox::new();
     let output = train(&sandbox, "avx1024", "run").code(2).get_output().stderr.clone();
     let message = String::from_utf8(output).unwrap();

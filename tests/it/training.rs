@@ -2,48 +2,22 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use cartpole_dqn::agent::{Dqn, Greedy, NotFinite, Policy, Probes, Transition};
-use cartpole_dqn::checkpoint::{Checkpoint, weights_sha256};
+use cartpole_dqn::agent::{
+    Actor, Agent, Counters, Dqn, Minibatch, NamedNumbers, NotFinite, Played, Policy, Probes, Transition,
+};
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::{CartPole, Environment, Step, TimeLimit};
+use cartpole_dqn::env::{CartPole, Environment, EnvironmentError, Start};
 use cartpole_dqn::rng::Rng;
-use cartpole_dqn::trainer::{EndReason, Event, EventSink, Score, TrainError, Trainer, evaluate, play};
-use serde::{Deserialize, Serialize};
+use cartpole_dqn::tensors::weights_sha256;
+use cartpole_dqn::trainer::{
+    CheckpointKind, DueCheckpoint, EndReason, Event, Observer, Score, Snapshot, TrainError, Trainer,
+    evaluate, play,
+};
+
+use super::tasks::{TwoStates, bytes_of, cartpole, dqn, resumed};
 
 /// A run that nobody stops.
 static NEVER: AtomicBool = AtomicBool::new(false);
-
-/// Two states; the action with the state's number is worth 1, the other nothing. Ten steps an episode.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-struct TwoStates {
-    state: usize,
-    steps: u32,
-}
-
-impl Environment for TwoStates {
-    type Observation = [f32; 2];
-    const OBSERVATION_SIZE: usize = 2;
-    const NUM_ACTIONS: usize = 2;
-    const SOLVED_RETURN: f64 = 10.0;
-    const MAX_RETURN: f64 = 10.0;
-
-    fn reset(&mut self, rng: &mut Rng) -> [f32; 2] {
-        *self = Self { state: rng.below(2) as usize, steps: 0 };
-        [self.state as f32, 1.0 - self.state as f32]
-    }
-
-    fn step(&mut self, action: usize) -> Step<[f32; 2]> {
-        let reward = if action == self.state { 1.0 } else { 0.0 };
-        self.state = (self.state + action) % 2;
-        self.steps += 1;
-        let observation = [self.state as f32, 1.0 - self.state as f32];
-        Step { observation, reward, terminated: self.steps == 10, truncated: false }
-    }
-
-    fn state(&self) -> &[f64] {
-        &[]
-    }
-}
 
 /// The default config with changes; one of a whole group replaces the changes before it in that group.
 fn config(sets: &[&str]) -> Config {
@@ -67,13 +41,25 @@ const SMALL: [&str; 6] = [
     "evaluation.every_steps=500",
 ];
 
+fn two_states(config: &Config) -> Trainer {
+    config.make_trainer_in(TwoStates::make()).unwrap()
+}
+
+fn trainer(config: &Config) -> Trainer {
+    config.make_trainer().unwrap()
+}
+
+fn network(policy: &Policy) -> &cartpole_dqn::nn::Mlp<f32> {
+    policy.network()
+}
+
 #[test]
 fn learns_a_trivial_environment() {
     let mut events: Vec<Event> = Vec::new();
-    let mut trainer = Trainer::new(config(&SMALL), TwoStates::default());
-    trainer.run(&mut events, None, &NEVER).unwrap();
+    let mut trainer = two_states(&config(&SMALL));
+    trainer.run(&mut events, &NEVER).unwrap();
     let last = trainer.progress().last_evaluation.unwrap();
-    assert_eq!(last.mean, 10.0, "{events:?}");
+    assert_eq!(last.mean, 0.0, "{events:?}");
 }
 
 #[test]
@@ -94,18 +80,17 @@ fn every_kind_of_target_and_update_learns_it_too() {
     ] {
         let mut config = config(&[&SMALL, extra].concat());
         // The observations of this environment have another size than the config's.
-        config.observation_divisors = Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
-        let mut trainer = Trainer::new(config, TwoStates::default());
-        trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
-        assert_eq!(trainer.progress().best_evaluation.unwrap().mean, 10.0, "{extra:?}");
+        config.dqn.observation_divisors = Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
+        let mut trainer = two_states(&config);
+        trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
+        assert_eq!(trainer.progress().best_evaluation.unwrap().mean, 0.0, "{extra:?}");
     }
 }
 
 #[test]
 fn stops_when_solved_if_asked_to() {
-    let mut trainer =
-        Trainer::new(config(&[&SMALL[..], &["stop_when_solved=true"]].concat()), TwoStates::default());
-    assert_eq!(trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap(), EndReason::Solved);
+    let mut trainer = two_states(&config(&[&SMALL[..], &["stop_when_solved=true"]].concat()));
+    assert_eq!(trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap(), EndReason::Solved);
     assert_eq!(trainer.progress().solved_at_step, Some(trainer.progress().env_steps));
 }
 
@@ -113,8 +98,8 @@ fn stops_when_solved_if_asked_to() {
 fn a_budget_of_episodes_counts_episodes() {
     let config = config(&["budget.episodes=7", "network.hidden=[8]"]);
     let mut events: Vec<Event> = Vec::new();
-    let mut trainer = Trainer::new(config, CartPole::v1());
-    trainer.run(&mut events, None, &NEVER).unwrap();
+    let mut trainer = trainer(&config);
+    trainer.run(&mut events, &NEVER).unwrap();
     let lengths: Vec<u64> = events
         .iter()
         .filter_map(|event| if let Event::Episode { length, .. } = event { Some(*length) } else { None })
@@ -128,9 +113,9 @@ fn a_run_that_diverges_names_the_step() {
     let sets = ["optimizer.learning_rate=1", "optimizer.beta1=0", "optimizer.beta2=0", "gamma=1"];
     let extra = ["exploration.final=1", "target={\"kind\":\"none\"}", "optimizer.epsilon=1e-30"];
     let mut config = config(&[&sets[..], &extra].concat());
-    config.optimizer.learning_rate = 1e30;
-    let mut trainer = Trainer::new(config, CartPole::v1());
-    let error = trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap_err();
+    config.dqn.optimizer.learning_rate = 1e30;
+    let mut trainer = trainer(&config);
+    let error = trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap_err();
     let TrainError::Diverged { env_steps, .. } = error else { panic!("{error}") };
     assert_eq!(env_steps, trainer.progress().env_steps);
     assert!(error.to_string().contains(&format!("environment step {env_steps}")), "{error}");
@@ -161,12 +146,12 @@ fn the_tutorials_schedules_are_followed() {
         "target.every_episodes=10",
         "exploration={\"schedule\":\"per_episode\",\"initial\":1,\"final\":0.9,\"decay\":0.99}",
     ]);
-    let mut agent = Dqn::new(config.dqn(), 4, 2, 0);
+    let mut agent = Dqn::new(config.dqn, 4, 2, None, 0);
     let mut epsilon = 1.0;
     for episode in 0..25 {
         agent.online.parameters_mut()[0] = episode as f32 + 100.0;
-        agent.after_step(episode + 1);
-        agent.after_episode(episode);
+        agent.learn_if_due(episode + 1).unwrap();
+        agent.end_episode(episode);
         epsilon = if epsilon > 0.9 { epsilon * 0.99 } else { epsilon };
         assert_eq!(agent.epsilon, epsilon);
         let last_copy = (episode / 10 * 10) as f32 + 100.0;
@@ -177,22 +162,26 @@ fn the_tutorials_schedules_are_followed() {
 /// An agent that has seen 40 steps of CartPole.
 fn experienced(sets: &[&str]) -> Dqn {
     let small = ["network.hidden=[6]", "replay.batch_size=8", "replay.warmup_steps=8"];
-    let mut agent = Dqn::new(config(&[&small, sets].concat()).dqn(), 4, 2, 3);
+    let mut agent = Dqn::new(config(&[&small, sets].concat()).dqn, 4, 2, None, 3);
     let mut environment = CartPole::v1();
     let mut rng = Rng::from_seed(4);
-    let mut observation = environment.reset(&mut rng);
+    let (mut observation, mut next_observation) = ([0.0; 4], [0.0; 4]);
+    environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
     for _ in 0..40 {
         let action = rng.below(2) as usize;
-        let step = environment.step(action);
+        let outcome = environment.step(action, &mut next_observation).unwrap();
         agent.observe(Transition {
             observation: &observation,
             action,
-            reward: step.reward,
-            next_observation: &step.observation,
-            terminated: step.terminated,
-            truncated: step.truncated,
+            reward: outcome.reward as f32,
+            next_observation: &next_observation,
+            terminated: outcome.terminated,
+            truncated: outcome.truncated,
         });
-        observation = if step.ended() { environment.reset(&mut rng) } else { step.observation };
+        observation = next_observation;
+        if outcome.ended() {
+            environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
+        }
     }
     agent
 }
@@ -228,8 +217,8 @@ fn a_schedule_sets_the_learning_rate_by_environment_steps() {
     let mut agent = experienced(&["optimizer.schedule.steps=100", "optimizer.learning_rate=0.5"]);
     assert_eq!(agent.adam.learning_rate, 0.5);
     for (env_steps, expected) in [(25, 0.375), (50, 0.25), (100, 0.0), (1000, 0.0)] {
-        agent.after_step(env_steps);
-        assert_eq!(agent.adam.learning_rate, expected);
+        agent.learn_if_due(env_steps).unwrap();
+        assert_eq!(agent.counters().learning_rate, expected);
     }
     let before = agent.online.clone();
     agent.learn().unwrap();
@@ -264,13 +253,12 @@ fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
     assert!(stored.rewards.iter().all(|&reward| reward == 0.25));
 
     // Powers of two: both ways round alike.
-    let mut policy = cartpole_dqn::agent::Greedy::new(scaled.policy(), 1).with_reward_scale(0.25);
+    let mut policy = scaled.policy().greedy(1);
     scaled.epsilon = -1.0;
     for observation in plain.observations.chunks_exact(4) {
         assert_eq!(scaled.act(observation), policy.act(observation));
-        assert_eq!(scaled.q_values(), policy.q_values());
     }
-    assert_ne!(scaled.policy(), scaled.online);
+    assert_ne!(*scaled.policy().network(), scaled.online);
 }
 
 #[test]
@@ -280,25 +268,25 @@ fn the_policy_is_made_of_the_chosen_weights() {
         let mut agent = experienced(&[soft, weights]);
         agent.learn().unwrap();
         let expected = if of_target { &agent.target } else { &agent.online };
-        assert_eq!(agent.policy(), *expected);
+        assert_eq!(agent.policy().network(), expected);
     }
     let sets =
         [soft, "policy_weights=target", "budget.steps=300", "replay.warmup_steps=100", "network.hidden=[8]"];
-    let mut trainer = Trainer::new(config(&sets), CartPole::v1());
-    trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
-    let checkpoint = trainer.checkpoint().unwrap();
-    assert_eq!(checkpoint.policy(4, 2).unwrap(), trainer.agent().target);
-    assert_eq!(trainer.best_checkpoint().unwrap().unwrap().policy(4, 2).unwrap(), trainer.agent().target);
-    let mut online = trainer.agent().target.clone();
-    checkpoint.get_network("online.", &mut online).unwrap();
-    assert_eq!(online, trainer.agent().online);
+    let mut trainer = trainer(&config(&sets));
+    trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
+    let Snapshot { tensors, .. } = trainer.snapshot();
+    assert_eq!(tensors.network(4, 2).unwrap(), dqn(&trainer).target);
+    assert_eq!(network(trainer.best_policy().unwrap()), &dqn(&trainer).target);
+    let mut online = dqn(&trainer).target.clone();
+    tensors.get_network("online.", &mut online).unwrap();
+    assert_eq!(online, dqn(&trainer).online);
 }
 
 #[test]
 fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
     for (truncation_is_terminal, expected) in [(false, false), (true, true)] {
         let set = format!("truncation_is_terminal={truncation_is_terminal}");
-        let mut agent = Dqn::new(config(&[&set]).dqn(), 1, 2, 0);
+        let mut agent = Dqn::new(config(&[&set]).dqn, 1, 2, None, 0);
         let (observation, next_observation) = ([0.0], [1.0]);
         agent.observe(Transition {
             observation: &observation,
@@ -308,7 +296,7 @@ fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
             terminated: false,
             truncated: true,
         });
-        let mut minibatch = cartpole_dqn::agent::Minibatch::new(1, 1);
+        let mut minibatch = Minibatch::new(1, 1);
         agent.replay.gather(&[0], 1, 0.9, &mut minibatch);
         assert_eq!(minibatch.terminated, [expected]);
         assert_eq!(minibatch.next_observations[(0, 0)], 1.0);
@@ -317,7 +305,7 @@ fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
 
 #[test]
 fn explores_with_probability_epsilon() {
-    let mut agent = Dqn::new(config(&["exploration.final=1"]).dqn(), 4, 2, 0);
+    let mut agent = Dqn::new(config(&["exploration.final=1"]).dqn, 4, 2, None, 0);
     let acts = |agent: &mut Dqn| (0..4000).filter(|_| agent.act(&[0.1, 0.2, 0.3, 0.4]) == 0).count();
     agent.epsilon = 0.0;
     let greedy = acts(&mut agent);
@@ -327,10 +315,13 @@ fn explores_with_probability_epsilon() {
     assert!((share - if greedy == 0 { 0.25 } else { 0.75 }).abs() < 0.03, "{share}");
 }
 
-fn smoke(seed: u64) -> Trainer<TimeLimit<CartPole>> {
+fn smoke_config(seed: u64) -> Config {
     let text = include_str!("../../configs/smoke.json");
-    let config = Config::from_layers(Some(("smoke.json", text)), &[format!("seed={seed}")]).unwrap();
-    Trainer::new(config, CartPole::v1())
+    Config::from_layers(Some(("smoke.json", text)), &[format!("seed={seed}")]).unwrap()
+}
+
+fn smoke(seed: u64) -> Trainer {
+    trainer(&smoke_config(seed))
 }
 
 /// Debug and release builds, every instruction set and every CPU must give these weights. A change of this value is
@@ -338,8 +329,8 @@ fn smoke(seed: u64) -> Trainer<TimeLimit<CartPole>> {
 #[test]
 fn smoke_run_gives_the_committed_weights() {
     let mut trainer = smoke(1);
-    trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
-    assert_eq!(weights_sha256(&trainer.agent().online), include_str!("../data/smoke_weights.sha256").trim());
+    trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
+    assert_eq!(weights_sha256(&dqn(&trainer).online), include_str!("../data/smoke_weights.sha256").trim());
 }
 
 #[test]
@@ -347,8 +338,8 @@ fn a_seed_is_a_run_and_another_seed_another() {
     let run = |seed| {
         let mut events: Vec<Event> = Vec::new();
         let mut trainer = smoke(seed);
-        trainer.run(&mut events, None, &NEVER).unwrap();
-        (events, trainer.checkpoint().unwrap().to_bytes().unwrap())
+        trainer.run(&mut events, &NEVER).unwrap();
+        (events, bytes_of(&smoke_config(seed), &trainer))
     };
     assert!(run(5) == run(5));
     let (five, six) = (run(5), run(6));
@@ -372,34 +363,44 @@ fn a_run_resumed_in_mid_episode_goes_on_with_the_same_bits() {
         let sets = ["network.hidden=[12, 8]", "replay.warmup_steps=100", "budget.steps=900"];
         let config =
             config(&[&sets, &["evaluation.every_steps=350", "evaluation.episodes=2"][..], extra].concat());
-        let mut whole = Trainer::new(config.clone(), CartPole::v1());
+        let mut whole = trainer(&config);
         let mut events: Vec<Event> = Vec::new();
-        whole.run(&mut events, None, &NEVER).unwrap();
+        whole.run(&mut events, &NEVER).unwrap();
 
-        let mut first = Trainer::new(config, CartPole::v1());
+        let mut first = trainer(&config);
         let mut parts: Vec<Event> = Vec::new();
         for _ in 0..411 {
-            first.step(&mut parts, None).unwrap();
+            first.step(&mut parts).unwrap();
         }
-        let bytes = first.checkpoint().unwrap().to_bytes().unwrap();
+        let bytes = bytes_of(&config, &first);
         drop(first);
-        let mut second = Trainer::resume(&Checkpoint::from_bytes(&bytes).unwrap(), CartPole::v1()).unwrap();
-        assert_eq!(second.checkpoint().unwrap().to_bytes().unwrap(), bytes);
-        second.run(&mut parts, None, &NEVER).unwrap();
+        let mut second = resumed(&config, config.make(), &bytes).unwrap();
+        assert_eq!(bytes_of(&config, &second), bytes);
+        second.run(&mut parts, &NEVER).unwrap();
         assert_eq!(parts, events, "{extra:?}");
-        let bytes = |trainer: &Trainer<_>| trainer.checkpoint().unwrap().to_bytes().unwrap();
-        assert!(bytes(&second) == bytes(&whole), "{extra:?}");
+        assert!(bytes_of(&config, &second) == bytes_of(&config, &whole), "{extra:?}");
     }
 }
 
-/// Sets the flag with the event of the given number.
-struct StopsAt<'a>(&'a AtomicBool, usize, Vec<Event>);
+/// Sets the flag with the event of the given number, and keeps the latest checkpoint of the run.
+struct StopsAt<'a> {
+    stop: &'a AtomicBool,
+    number: usize,
+    events: Vec<Event>,
+    last: Option<Snapshot>,
+}
 
-impl EventSink for StopsAt<'_> {
-    fn emit(&mut self, event: &Event) -> std::io::Result<()> {
-        let Self(stop, number, events) = self;
-        events.push(event.clone());
-        stop.fetch_or(events.len() == *number, Ordering::Relaxed);
+impl Observer for StopsAt<'_> {
+    fn event(&mut self, event: &Event) -> std::io::Result<()> {
+        self.events.push(event.clone());
+        self.stop.fetch_or(self.events.len() == self.number, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn checkpoint(&mut self, checkpoint: &DueCheckpoint<'_>) -> std::io::Result<()> {
+        if let CheckpointKind::Last { .. } = checkpoint.kind {
+            self.last = Some(checkpoint.snapshot());
+        }
         Ok(())
     }
 }
@@ -407,34 +408,33 @@ impl EventSink for StopsAt<'_> {
 #[test]
 fn a_stopped_run_leaves_a_checkpoint_of_that_step_and_goes_on_from_there() {
     let mut events: Vec<Event> = Vec::new();
-    smoke(1).run(&mut events, None, &NEVER).unwrap();
-    let folder = tempfile::tempdir().unwrap();
+    smoke(1).run(&mut events, &NEVER).unwrap();
     for number in [1, 30, events.len() - 10] {
         let stop = AtomicBool::new(false);
-        let mut sink = StopsAt(&stop, number, Vec::new());
+        let mut observer = StopsAt { stop: &stop, number, events: Vec::new(), last: None };
         let mut trainer = smoke(1);
-        assert_eq!(trainer.run(&mut sink, Some(folder.path()), &stop).unwrap(), EndReason::Interrupted);
-        let StopsAt(.., mut parts) = sink;
+        assert_eq!(trainer.run(&mut observer, &stop).unwrap(), EndReason::Interrupted);
+        let StopsAt { events: mut parts, last, .. } = observer;
         assert!(parts.len() < events.len());
-        let checkpoint = Checkpoint::read(&folder.path().join("last.safetensors")).unwrap();
-        let mut resumed = Trainer::resume(&checkpoint, CartPole::v1()).unwrap();
+        let Snapshot { progress, tensors, .. } = last.unwrap();
+        let mut resumed = smoke(1).resume(progress.unwrap(), &tensors).unwrap();
         assert_eq!(resumed.progress(), trainer.progress());
-        resumed.run(&mut parts, None, &NEVER).unwrap();
+        resumed.run(&mut parts, &NEVER).unwrap();
         assert_eq!(parts, events);
     }
 }
 
 #[test]
 fn an_evaluation_is_repeatable_and_leaves_the_training_alone() {
-    let network = smoke(3).agent().online.clone();
-    let returns = evaluate(&network, &CartPole::v1(), 42, 5);
-    assert_eq!(evaluate(&network, &CartPole::v1(), 44, 3), returns[2..]);
+    let policy = smoke(3).agent().policy();
+    let evaluated = |seed, episodes| evaluate(&policy, &cartpole, 500, seed, episodes, 1.0).unwrap();
+    assert_eq!(evaluated(44, 3), evaluated(42, 5)[2..]);
 
     let run = |every: &str| {
         let sets = ["network.hidden=[8]", "budget.steps=1300", "evaluation.episodes=3", every];
-        let mut trainer = Trainer::new(config(&sets), CartPole::v1());
-        trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
-        weights_sha256(&trainer.agent().online)
+        let mut trainer = trainer(&config(&sets));
+        trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
+        weights_sha256(&dqn(&trainer).online)
     };
     assert_eq!(run("evaluation.every_steps=1000"), run("evaluation.every_steps=100"));
 }
@@ -442,19 +442,24 @@ fn an_evaluation_is_repeatable_and_leaves_the_training_alone() {
 #[test]
 fn episodes_in_lockstep_are_the_episodes_one_by_one() {
     let mut trainer = smoke(2);
-    trainer.run(&mut Vec::<Event>::new(), None, &NEVER).unwrap();
-    let network = &trainer.agent().online;
-    let mut policy = Greedy::new(network.clone(), 1);
+    trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
+    let policy = trainer.agent().policy();
+    let mut actor = policy.greedy(1);
     let one_by_one: Vec<f64> = (0..150)
-        .map(|episode| play(&mut policy, CartPole::v1(), 9 + episode, |_| Ok::<_, ()>(())).unwrap())
+        .map(|episode| {
+            let watch = |_: cartpole_dqn::trainer::TraceStep<'_>| Ok::<_, EnvironmentError>(());
+            play(&mut actor, &mut CartPole::v1(), 9 + episode, watch).unwrap()
+        })
         .collect();
-    assert_eq!(evaluate(network, &CartPole::v1(), 9, 150), one_by_one);
+    let played = evaluate(&policy, &cartpole, 500, 9, 150, 1.0).unwrap();
+    assert_eq!(played.iter().map(|episode| episode.total).collect::<Vec<_>>(), one_by_one);
+    assert!(played.iter().all(|episode| episode.total == episode.steps as f64));
     assert!(one_by_one.iter().any(|&value| value != one_by_one[0]), "episodes of several lengths");
 }
 
 #[test]
 fn statistics_of_a_network_of_zeros_are_known() {
-    let mut agent = Dqn::new(config(&["network.hidden=[5]", "reward_scale=0.5"]).dqn(), 4, 2, 0);
+    let mut agent = Dqn::new(config(&["network.hidden=[5]", "reward_scale=0.5"]).dqn, 4, 2, None, 0);
     agent.online.parameters_mut().fill(0.0);
     agent.target.copy_from(&agent.online.clone());
     for step in 0..20 {
@@ -468,13 +473,23 @@ fn statistics_of_a_network_of_zeros_are_known() {
         });
     }
     let probes = Probes { ordinary: vec![vec![1.0; 4]; 3], doomed: vec![vec![-1.0; 4]; 2] };
-    let statistics = agent.statistics(&probes);
-    assert_eq!(statistics.terminal_share, 0.2);
-    assert_eq!((statistics.max_q, statistics.action_gap, statistics.doomed_max_q), (0.0, 0.0, 0.0));
-    assert_eq!(statistics.td_error_quantiles, [3.0; 3]);
+    let played = [Played { expected: 2.0, discounted: 1.5, ..Played::default() }];
+    let number = |agent: &Dqn, name: &str| {
+        let numbers = agent.statistics(&probes, &played).unwrap();
+        numbers.get(name).unwrap_or_else(|| panic!("{name}: {numbers:?}"))
+    };
+    assert_eq!(number(&agent, "terminal_share"), 0.2);
+    for name in ["max_q", "action_gap", "doomed_max_q"] {
+        assert_eq!(number(&agent, name), 0.0);
+    }
+    for name in ["td_error_q10", "td_error_q50", "td_error_q90"] {
+        assert_eq!(number(&agent, name), 3.0);
+    }
+    // 2 / 0.5 - 1.5
+    assert_eq!(number(&agent, "overestimation"), 2.5);
     // The mean of (0 - 1.5)² over the batch has the derivative -3 by the bias of action 1, and 0 by all else.
-    assert!((statistics.gradient_norm - 3.0).abs() < 1e-6);
-    assert_eq!(statistics.dead_relu_share, 1.0);
+    assert!((number(&agent, "gradient_norm") - 3.0).abs() < 1e-6);
+    assert_eq!(number(&agent, "dead_relu_share"), 1.0);
 
     // One living unit of five; Q-values 2 and 7 where the sum of the observation is positive, else 0 and 5.
     let outputs = 5;
@@ -483,30 +498,25 @@ fn statistics_of_a_network_of_zeros_are_known() {
     }
     agent.online.layer_mut(1)[..2].copy_from_slice(&[1.0, 1.0]);
     agent.online.layer_mut(1)[2 * outputs..].copy_from_slice(&[0.0, 5.0]);
-    let statistics = agent.statistics(&probes);
-    assert_eq!((statistics.max_q, statistics.action_gap), (14.0, 10.0));
-    assert_eq!((statistics.doomed_max_q, statistics.dead_relu_share), (10.0, 0.8));
+    assert_eq!((number(&agent, "max_q"), number(&agent, "action_gap")), (14.0, 10.0));
+    assert_eq!((number(&agent, "doomed_max_q"), number(&agent, "dead_relu_share")), (10.0, 0.8));
 }
 
 #[test]
 fn statistics_come_with_every_evaluation() {
     let mut events: Vec<Event> = Vec::new();
-    smoke(4).run(&mut events, None, &NEVER).unwrap();
+    smoke(4).run(&mut events, &NEVER).unwrap();
     let evaluations = events.iter().filter(|event| matches!(event, Event::Evaluation { .. })).count();
     let statistics: Vec<_> = events
         .iter()
-        .filter_map(|event| {
-            if let Event::Statistics { overestimation, agent, .. } = event {
-                Some((overestimation, agent))
-            } else {
-                None
-            }
-        })
+        .filter_map(|event| if let Event::Statistics { numbers, .. } = event { Some(numbers) } else { None })
         .collect();
     assert_eq!(statistics.len(), evaluations);
-    for (overestimation, agent) in statistics {
-        assert!(overestimation.is_finite() && agent.max_q > 0.0 && agent.gradient_norm > 0.0, "{agent:?}");
-        assert!((0.005..0.1).contains(&agent.terminal_share) && agent.dead_relu_share < 0.9, "{agent:?}");
+    for numbers in statistics {
+        let number = |name| numbers.get(name).unwrap();
+        assert!(number("overestimation").is_finite() && number("max_q") > 0.0, "{numbers:?}");
+        assert!(number("gradient_norm") > 0.0 && number("dead_relu_share") < 0.9, "{numbers:?}");
+        assert!((0.005..0.1).contains(&number("terminal_share")), "{numbers:?}");
     }
 }
 
@@ -517,7 +527,6 @@ fn scores_are_numpys() {
     assert_eq!((score.mean, score.median, score.min, score.max), (4.0, 3.0, 1.0, 9.0));
     assert!((score.std - 3.082_207_001_484_488).abs() < 1e-12);
     assert!((score.interval().unwrap() - 1.96 * 3.559_026_084_010_437 / 2.0).abs() < 1e-12);
-    assert!(!Score::new(&[500.0; 99]).solves(475.0) && Score::new(&[500.0; 100]).solves(475.0));
     assert_eq!(Score::new(&[7.0]).interval(), None);
 }
 
@@ -525,12 +534,12 @@ fn scores_are_numpys() {
 #[test]
 fn the_best_policy_is_the_latest_of_equals() {
     let mut events: Vec<Event> = Vec::new();
-    let mut trainer = Trainer::new(config(&SMALL), TwoStates::default());
-    trainer.run(&mut events, None, &NEVER).unwrap();
+    let mut trainer = two_states(&config(&SMALL));
+    trainer.run(&mut events, &NEVER).unwrap();
     let full: Vec<u64> = events
         .iter()
         .filter_map(|event| match event {
-            Event::Evaluation { env_steps, mean: 10.0, best, .. } => {
+            Event::Evaluation { env_steps, mean: 0.0, best, .. } => {
                 assert!(best);
                 Some(*env_steps)
             }
@@ -542,28 +551,147 @@ fn the_best_policy_is_the_latest_of_equals() {
     assert_eq!(*trainer.best_policy().unwrap(), trainer.agent().policy());
 }
 
-/// Under a limit of 900 steps an episode may be longer than 500, and still no score is.
+/// Under a limit of 900 steps a training episode may be longer than 500, and still no score is.
 #[test]
 fn a_longer_time_limit_is_seen_in_training_and_in_no_score() {
     let text = include_str!("../../configs/fast.json");
     let sets = ["max_episode_steps=900".to_owned(), "budget.steps=6000".to_owned()];
     let config = Config::from_layers(Some(("fast.json", text)), &sets).unwrap();
-    let environment = config.make_environment();
-    let mut trainer = Trainer::new(config, environment);
     let mut events: Vec<Event> = Vec::new();
-    trainer.run(&mut events, None, &NEVER).unwrap();
-    let evaluations = events.iter().filter_map(|event| match event {
-        Event::Evaluation { mean, max, mean_under_limit, solved, .. } => {
-            Some((*mean, *max, *mean_under_limit, *solved))
-        }
+    trainer(&config).run(&mut events, &NEVER).unwrap();
+    let lengths = events.iter().filter_map(|event| match event {
+        Event::Episode { length, .. } => Some(*length),
         _ => None,
     });
-    let long: Vec<_> = evaluations.filter(|(.., under_limit, _)| under_limit.is_some()).collect();
-    assert!(!long.is_empty(), "{events:?}");
-    for (mean, max, under_limit, solved) in long {
-        assert!(
-            mean <= 500.0 && max == 500.0 && under_limit.unwrap() > mean && under_limit.unwrap() <= 900.0
-        );
-        assert_eq!(solved, mean >= 475.0);
+    let longest = lengths.max().unwrap();
+    assert!(longest > 500 && longest <= 900, "{longest}");
+    for event in &events {
+        if let Event::Evaluation { max, mean, solved, .. } = event {
+            assert!(*max <= 500.0 && *solved == (*mean >= 475.0));
+        }
+    }
+}
+
+/// A run of an environment with three actions, negative returns and its own truncation goes through a checkpoint.
+#[test]
+fn an_environment_of_any_size_and_sign_is_trained_and_resumed() {
+    let config = config(&[&SMALL[..], &["max_episode_steps=7"]].concat());
+    let mut events: Vec<Event> = Vec::new();
+    let mut whole = two_states(&config);
+    whole.run(&mut events, &NEVER).unwrap();
+    assert!(
+        events
+            .iter()
+            .any(|event| matches!(event, Event::Episode { length: 7, return_, .. } if *return_ < 0.0))
+    );
+    // Evaluations have the environment's own limits.
+    assert!(
+        whole.progress().solved_at_step.is_some() && whole.progress().best_evaluation.unwrap().mean == 0.0
+    );
+
+    let mut first = two_states(&config);
+    let mut parts: Vec<Event> = Vec::new();
+    (0..633).for_each(|_| first.step(&mut parts).unwrap());
+    let mut second = resumed(&config, TwoStates::make(), &bytes_of(&config, &first)).unwrap();
+    second.run(&mut parts, &NEVER).unwrap();
+    assert_eq!(parts, events);
+    assert!(bytes_of(&config, &second) == bytes_of(&config, &whole));
+}
+
+#[test]
+fn an_environment_that_is_not_deterministic_is_noticed_when_its_run_is_resumed() {
+    let config = config(&SMALL);
+    let random = || -> std::sync::Arc<cartpole_dqn::env::Make> {
+        std::sync::Arc::new(|_| Ok(Box::new(TwoStates::new(true))))
+    };
+    let refused = |steps: usize| {
+        let mut trainer = config.make_trainer_in(random()).unwrap();
+        (0..steps).for_each(|_| trainer.step(&mut Vec::<Event>::new()).unwrap());
+        resumed(&config, random(), &bytes_of(&config, &trainer)).err().map(|error| error.to_string())
+    };
+    let errors: Vec<String> = [13, 24, 35].into_iter().filter_map(refused).collect();
+    assert!(
+        !errors.is_empty() && errors.iter().all(|error| error.contains("not deterministic")),
+        "{errors:?}"
+    );
+}
+
+/// What the trainer asks of its agent, in which order.
+struct Recording(std::sync::Arc<std::sync::Mutex<Vec<&'static str>>>, Dqn);
+
+impl Recording {
+    fn note(&self, call: &'static str) {
+        self.0.lock().unwrap().push(call);
+    }
+}
+
+impl Agent for Recording {
+    fn act(&mut self, observation: &[f32]) -> usize {
+        self.note("act");
+        self.1.act(observation)
+    }
+    fn observe(&mut self, transition: Transition<'_>) {
+        self.note("observe");
+        self.1.observe(transition);
+    }
+    fn learn_if_due(&mut self, env_steps: u64) -> Result<Option<f32>, NotFinite> {
+        self.note("learn");
+        self.1.learn_if_due(env_steps)
+    }
+    fn end_episode(&mut self, episode: u64) {
+        self.note("end of episode");
+        self.1.end_episode(episode);
+    }
+    fn policy(&self) -> Policy {
+        self.note("policy");
+        self.1.policy()
+    }
+    fn start_from(&mut self, policy: &Policy) -> bool {
+        self.1.start_from(policy)
+    }
+    fn gamma(&self) -> f64 {
+        self.1.gamma()
+    }
+    fn counters(&self) -> Counters {
+        self.1.counters()
+    }
+    fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers> {
+        self.note("statistics");
+        self.1.statistics(probes, played)
+    }
+    fn weights_sha256(&self) -> String {
+        self.1.weights_sha256()
+    }
+    fn save(&self, tensors: &mut cartpole_dqn::tensors::Tensors) {
+        self.1.save(tensors);
+    }
+    fn load(
+        &mut self,
+        tensors: &cartpole_dqn::tensors::Tensors,
+        env_steps: u64,
+    ) -> Result<(), cartpole_dqn::tensors::TensorError> {
+        self.1.load(tensors, env_steps)
+    }
+}
+
+#[test]
+fn an_agent_acts_observes_learns_and_ends_its_episode_before_it_is_evaluated() {
+    let config = config(&[&SMALL[..], &["evaluation.every_steps=10", "budget.steps=51"]].concat());
+    let calls = std::sync::Arc::default();
+    let agent = Recording(std::sync::Arc::clone(&calls), Dqn::new(config.dqn.clone(), 2, 3, None, 0));
+    let mut trainer = Trainer::new(config.trainer(), Box::new(agent), TwoStates::make()).unwrap();
+    (0..11).for_each(|_| trainer.step(&mut Vec::<Event>::new()).unwrap());
+    let step = ["act", "observe", "learn"];
+    let mut expected = step.repeat(10);
+    expected.extend(["end of episode", "policy", "statistics"].iter().chain(&step));
+    assert_eq!(*calls.lock().unwrap(), expected);
+}
+
+#[test]
+fn the_documents_explain_every_statistic_as_the_table_does() {
+    let documented = include_str!("../../docs/metrics.md");
+    for known in cartpole_dqn::agent::STATISTICS {
+        let row = format!("| `{}` | {} |\n", known.name, known.meaning);
+        assert!(documented.contains(&row), "not in docs/metrics.md: {row}");
     }
 }

@@ -1,11 +1,29 @@
-//! The kernels as one would write them on paper: the judge of the fast path.
+//! The kernels as one would write them on paper. They define what the fast kernels must compute.
 
 use nalgebra::DMatrix;
 
-use super::Float;
-use crate::nn::adam::AdamCoefficients;
+use super::float::Float;
 
-/// See [`Float::affine`].
+/// The numbers of one Adam step, the same for every parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct AdamCoefficients<T> {
+    /// β₁
+    pub beta1: T,
+    /// 1 − β₁
+    pub one_minus_beta1: T,
+    /// β₂
+    pub beta2: T,
+    /// 1 − β₂
+    pub one_minus_beta2: T,
+    /// α / (1 − β₁ᵗ)
+    pub step_size: T,
+    /// 1 / √(1 − β₂ᵗ)
+    pub second_moment_scale: T,
+    /// ε
+    pub epsilon: T,
+}
+
+/// y = W x + b, with ReLU if `relu`. x is (batch, in), `layer` is W (in, out), then b (out), y is (batch, out).
 pub fn affine<T: Float>(x: &DMatrix<T>, layer: &[T], relu: bool, y: &mut DMatrix<T>) {
     let (inputs, outputs) = (x.ncols(), y.ncols());
     let (weight, bias) = layer.split_at(inputs * outputs);
@@ -20,7 +38,8 @@ pub fn affine<T: Float>(x: &DMatrix<T>, layer: &[T], relu: bool, y: &mut DMatrix
     }
 }
 
-/// See [`Float::input_gradient`].
+/// dx = Wᵀ dy where x > 0, else 0. dy is (batch, out), `layer` is W (in, out), then b (out), x and dx are
+/// (batch, in).
 pub fn input_gradient<T: Float>(dy: &DMatrix<T>, layer: &[T], x: &DMatrix<T>, dx: &mut DMatrix<T>) {
     let outputs = dy.ncols();
     for input in 0..x.ncols() {
@@ -34,7 +53,7 @@ pub fn input_gradient<T: Float>(dy: &DMatrix<T>, layer: &[T], x: &DMatrix<T>, dx
     }
 }
 
-/// See [`Float::layer_gradient`].
+/// dW = dy xᵀ (in, out), then db = Σ_batch dy (out), into `gradient`. dy is (batch, out), x is (batch, in).
 pub fn layer_gradient<T: Float>(dy: &DMatrix<T>, x: &DMatrix<T>, gradient: &mut [T]) {
     let (inputs, outputs) = (x.ncols(), dy.ncols());
     let (weight, bias) = gradient.split_at_mut(inputs * outputs);
@@ -54,7 +73,8 @@ pub fn layer_gradient<T: Float>(dy: &DMatrix<T>, x: &DMatrix<T>, gradient: &mut 
     }
 }
 
-/// See [`Float::adam`].
+/// Adam's loop over the parameters θ, their gradient g and their moments m and v. Returns whether every new θ is
+/// finite.
 pub fn adam<T: Float>(
     coefficients: &AdamCoefficients<T>,
     parameters: &mut [T],
@@ -75,7 +95,7 @@ pub fn adam<T: Float>(
     all_finite
 }
 
-/// See [`Float::soft_update`].
+/// θ⁻ ← τ (θ − θ⁻) + θ⁻ with one fused multiply-add, for every parameter. `target` is θ⁻, and `online` is θ.
 pub fn soft_update<T: Float>(tau: T, online: &[T], target: &mut [T]) {
     for (target, &online) in target.iter_mut().zip(online) {
         *target = tau.mul_add(online - *target, *target);

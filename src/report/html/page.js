@@ -4,8 +4,6 @@ const element = id => document.getElementById(id);
 if (element('policy')) show(runs.filter(run => run.portrait));
 
 function show(runs) {
-  const STEPS_PER_SECOND = 50;
-  const NAMES = ['left', 'right'];
   const ANGLES = [-10, -5, 0, 5, 10];
   const VELOCITIES = [-100, -50, 0, 50, 100];
   const DEGREES = 180 / Math.PI;
@@ -16,7 +14,7 @@ function show(runs) {
   let before = 0;
 
   const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const last = () => policy.episode.angles.length - 1;
+  const last = () => policy.episode.actions.length;
   const shown = value => value.toFixed(Math.abs(value) < 10 ? 2 : 1).replace('-', '−');
 
   // The context of a canvas in CSS pixels, whatever the screen's.
@@ -30,32 +28,37 @@ function show(runs) {
     return { drawing, width, height };
   }
 
+  // A series that never changes has one value.
   function between(series) {
-    const step = Math.min(Math.floor(moment), last());
-    const next = Math.min(step + 1, last());
+    const step = Math.min(Math.floor(moment), series.length - 1);
+    const next = Math.min(step + 1, series.length - 1);
     return series[step] + (series[next] - series[step]) * (moment - step);
   }
 
-  // As Gymnasium draws it: 600 × 400 for 4.8 m, the track 100 above the bottom.
-  function drawCart() {
+  // The shapes of a 600 × 400 picture, whose heights count upwards; without a picture the numbers of the state.
+  function drawScene() {
     const { drawing, width } = context(element('cart'));
     drawing.scale(width / 600, width / 600);
-    const METRE = 600 / 4.8;
-    const x = 300 + between(policy.episode.positions) * METRE;
-    drawing.strokeStyle = drawing.fillStyle = style('--ink');
     drawing.lineWidth = 1;
-    drawing.strokeRect(-1, 300, 602, 0);
-    drawing.fillRect(x - 25, 285, 50, 30);
-    drawing.save();
-    drawing.translate(x, 292);
-    drawing.rotate(between(policy.episode.angles));
-    drawing.fillStyle = style('--pole');
-    drawing.fillRect(-5, -120, 10, 125);
-    drawing.restore();
-    drawing.fillStyle = style('--axle');
-    drawing.beginPath();
-    drawing.arc(x, 292, 5, 0, 2 * Math.PI);
-    drawing.fill();
+    const { shapes, state } = policy.episode;
+    if (!shapes.length) {
+      drawing.fillStyle = style('--ink');
+      drawing.font = '20px system-ui, sans-serif';
+      state.forEach((series, i) => drawing.fillText(`${policy.coordinates[i] ?? i}: ${shown(between(series))}`, 20, 30 * (i + 1)));
+    }
+    for (const { color, polygon, radius, line, x, y, angle } of shapes) {
+      drawing.save();
+      drawing.translate(between(x), 400 - between(y));
+      drawing.scale(1, -1);
+      drawing.rotate(between(angle));
+      drawing.strokeStyle = drawing.fillStyle = style(`--${color}`);
+      drawing.beginPath();
+      if (radius) drawing.arc(0, 0, radius, 0, 2 * Math.PI);
+      for (const point of polygon ?? line ?? []) drawing.lineTo(...point);
+      if (line) drawing.stroke();
+      else drawing.fill();
+      drawing.restore();
+    }
   }
 
   // The map as an image of its own, until the policy or the colours change.
@@ -115,7 +118,7 @@ function show(runs) {
     drawing.fillText('angular velocity, °/s', 0, 0);
     drawing.restore();
 
-    const { angles, velocities } = policy.episode;
+    const [, , angles, velocities] = policy.episode.state;
     drawing.save();
     drawing.beginPath();
     drawing.rect(left, top, right - left, bottom - top);
@@ -147,15 +150,18 @@ function show(runs) {
     }
   }
 
+  const expected = values => values.map((value, i) => `${policy.actions[i]} ${shown(value)}`).join(', ');
+
   function draw() {
-    drawCart();
+    drawScene();
     drawMap();
     const step = Math.floor(moment);
     element('scrub').value = step;
-    const { actions, q_values, angles } = policy.episode;
-    const time = `step ${step} of ${last()}, ${(step / STEPS_PER_SECOND).toFixed(2)} s`;
+    const { actions, q_values, state } = policy.episode;
+    const [, , angles] = state;
+    const time = `step ${step} of ${last()}, ${(step / policy.steps_per_second).toFixed(2)} s`;
     const doing = step < actions.length
-      ? `pushes ${NAMES[actions[step]]}; expected return: left ${shown(q_values[step][0])}, right ${shown(q_values[step][1])}`
+      ? `pushes ${policy.actions[actions[step]]}; expected return: ${expected(q_values[step])}`
       : `the end: return ${actions.length}${Math.abs(angles[last()]) > policy.max_angle ? ', the pole fell' : ''}`;
     element('readout').textContent = `${time} — ${doing}`;
   }
@@ -164,7 +170,7 @@ function show(runs) {
     if (!playing) return;
     // A frame's time can lie before the click that asked for it.
     const seconds = Math.max(now - before, 0) / 1000;
-    const steps = seconds * STEPS_PER_SECOND * Number(element('speed').value);
+    const steps = seconds * policy.steps_per_second * Number(element('speed').value);
     before = now;
     moment = Math.min(moment + steps, last());
     if (moment >= last()) setPlaying(false);
@@ -209,7 +215,7 @@ function show(runs) {
     const angle = (2 * column / (size - 1) - 1) * max_angle * DEGREES;
     const velocity = (2 * row / (size - 1) - 1) * max_velocity * DEGREES;
     element('value').textContent =
-      `${shown(angle)}°, ${shown(velocity)} °/s: pushes ${NAMES[gap > 0 ? 1 : 0]}, action gap ${shown(Math.abs(gap))}`;
+      `${shown(angle)}°, ${shown(velocity)} °/s: pushes ${policy.actions[gap > 0 ? 1 : 0]}, action gap ${shown(Math.abs(gap))}`;
   });
 
   if (runs.length > 1) {

@@ -4,62 +4,55 @@ use std::fs::{self, DirEntry, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::Failure;
-use crate::checkpoint::Checkpoint;
+use super::names::{
+    BEST, CHECKPOINTS, CONFIG, INIT, LAST, MANIFEST, METRICS, PREVIOUS, PROGRESS, SUMMARY, TENSORBOARD,
+    is_of_a_report,
+};
+use super::{Checkpoint, RunError, bad, unwritable};
 use crate::config::{Config, MAX_BYTES};
 use crate::files::{
     create_folders, is_unfinished, open_ordinary, read_text_limited, remove_abandoned, remove_empty,
     write_json,
 };
-use crate::report;
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
-use crate::study::MANIFEST;
 use crate::text::shown;
-use crate::trainer::{BEST, Evaluation, LAST, PREVIOUS, Summary};
-
-const CONFIG: &str = "config.json";
-const METRICS: &str = "metrics.jsonl";
-const SUMMARY: &str = "summary.json";
-const CHECKPOINTS: &str = "checkpoints";
-const TENSORBOARD: &str = "tensorboard";
-const PROGRESS: &str = "progress.csv";
-const INIT: &str = "init.safetensors";
+use crate::trainer::{Evaluation, Summary};
 
 /// A run's folder and the paths in it.
-#[derive(Debug)]
-pub(super) struct RunDir {
+#[derive(Clone, Debug)]
+pub struct RunDir {
     path: PathBuf,
 }
 
 impl RunDir {
     /// What `train` makes in the directory of every run.
-    pub(super) const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
+    pub const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
 
     /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
     /// then removed. Nothing is changed before the metrics are locked: another process may train in the folder.
     /// `init` is the file of the weights that the run starts with, where they are not drawn.
-    pub(super) fn create(
+    pub fn create(
         path: &Path,
         force: bool,
         config: &Config,
         init: Option<&Checkpoint>,
-    ) -> Result<(Self, JsonLines), Failure> {
+    ) -> Result<(Self, JsonLines), RunError> {
         let run = Self { path: path.to_owned() };
         run.replaced(force)?;
-        let unwritable = |error: io::Error| match error.kind() {
+        let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(path),
-            _ => cannot_write(path, &error, "; choose another --out"),
+            _ => unwritable(path, error, "; choose another --out"),
         };
-        let mut made = create_folders(path).map_err(unwritable)?;
+        let mut made = create_folders(path).map_err(failed)?;
         let (mut metrics, is_new) = run.lock().map_err(|error| {
             remove_empty(&made);
-            unwritable(error)
+            failed(error)
         })?;
         // Another process may have made, changed or removed a run before this one had the lock.
         let filled = run.replaced(force).and_then(|replaced| {
-            made.splice(0..0, create_folders(&run.checkpoints()).map_err(unwritable)?);
-            run.fill(&mut metrics, replaced, config, init).map_err(unwritable)
+            made.splice(0..0, create_folders(&run.checkpoints()).map_err(failed)?);
+            run.fill(&mut metrics, replaced, config, init).map_err(failed)
         });
         filled.inspect_err(|_| {
             // Between the making of the metrics and their lock another process may have made a run, and even ended it.
@@ -73,7 +66,7 @@ impl RunDir {
     }
 
     /// The files of the run in the folder that a new one replaces; none where the folder is free or missing.
-    fn replaced(&self, force: bool) -> Result<Vec<PathBuf>, Failure> {
+    fn replaced(&self, force: bool) -> Result<Vec<PathBuf>, RunError> {
         let path = &self.path;
         let entries = match fs::read_dir(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
@@ -81,7 +74,7 @@ impl RunDir {
                 return Err(bad(path, "is a file; choose another --out"));
             }
             entries => entries.and_then(Iterator::collect).map_err(|error| {
-                bad(path, &format!("cannot be used for a run: {error}; choose another --out"))
+                bad(path, format!("cannot be used for a run: {error}; choose another --out"))
             })?,
         };
         if entries.iter().all(|entry| self.is_of_no_run(entry)) {
@@ -94,7 +87,7 @@ impl RunDir {
                 "is not empty: it holds a run; choose another --out, --force to replace that run, or resume it: train \
                  --resume",
             )),
-            Err(reason) if force => Err(bad(path, &reason)),
+            Err(reason) if force => Err(bad(path, reason)),
             Err(_) => Err(bad(
                 path,
                 "is not empty, and holds no run that --force could replace; choose another --out",
@@ -119,7 +112,7 @@ impl RunDir {
     }
 
     /// The folder of a run that is there, and the config in it.
-    pub(super) fn open(path: &Path) -> Result<(Self, Config), Failure> {
+    pub fn open(path: &Path) -> Result<(Self, Config), RunError> {
         let run = Self { path: path.to_owned() };
         let config = run.read_config()?;
         let mut files = vec![run.config(), run.metrics(), run.summary(), run.progress()];
@@ -134,29 +127,29 @@ impl RunDir {
                 "holds {}, which is a link or not the kind of file that its name promises",
                 foreign.display()
             );
-            return Err(bad(path, &problem));
+            return Err(bad(path, problem));
         }
         if !run.metrics().exists() {
             return Err(bad(
                 path,
-                &format!("has no {METRICS}, so its run cannot be resumed; train again with another --out"),
+                format!("has no {METRICS}, so its run cannot be resumed; train again with another --out"),
             ));
         }
         Ok((run, config))
     }
 
     /// The run's metrics; as long as they are there, the folder belongs to this process.
-    pub(super) fn take(&self) -> Result<JsonLines, Failure> {
+    pub fn take(&self) -> Result<JsonLines, RunError> {
         JsonLines::open(&self.metrics()).map_err(|error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(&self.path),
-            _ => cannot_write(&self.metrics(), &error, ""),
+            _ => unwritable(&self.metrics(), error, ""),
         })
     }
 
     /// Keeps other processes from changing the run, as long as the file is there; it need not be writable.
-    pub(super) fn share(&self) -> Result<File, Failure> {
+    pub fn share(&self) -> Result<File, RunError> {
         let file = open_ordinary(File::options().read(true), &self.metrics())
-            .map_err(|error| bad(&self.path, &format!("cannot be read: {METRICS}: {error}")))?;
+            .map_err(|error| bad(&self.path, format!("cannot be read: {METRICS}: {error}")))?;
         match file.try_lock_shared() {
             Err(TryLockError::WouldBlock) => Err(in_use(&self.path)),
             Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
@@ -164,7 +157,7 @@ impl RunDir {
     }
 
     /// The config of the run in the folder.
-    pub(super) fn read_config(&self) -> Result<Config, Failure> {
+    pub fn read_config(&self) -> Result<Config, RunError> {
         if !self.path.is_dir() {
             return Err(bad(
                 &self.path,
@@ -173,9 +166,8 @@ impl RunDir {
         }
         let path = self.config();
         let text = read_text_limited(&path, MAX_BYTES)
-            .map_err(|error| bad(&self.path, &format!("does not hold a run: {CONFIG}: {error}")))?;
-        let config = Config::from_layers(Some((&shown(&path), &text)), &[]);
-        config.map_err(|error| Failure::BadInput(error.to_string()))
+            .map_err(|error| bad(&self.path, format!("does not hold a run: {CONFIG}: {error}")))?;
+        Ok(Config::from_layers(Some((&shown(&path), &text)), &[])?)
     }
 
     fn fill(
@@ -247,7 +239,7 @@ impl RunDir {
             {
                 continue;
             }
-            let is_own = go.contains(&path) || self.is_events(&path) || report::is_part(&name);
+            let is_own = go.contains(&path) || self.is_events(&path) || is_of_a_report(&name);
             if path.is_dir() || !(is_own || is_unfinished(&name)) {
                 return Err(format!(
                     "holds {}, which does not belong to a run, and --force replaces only runs; choose another --out",
@@ -265,54 +257,54 @@ impl RunDir {
     }
 
     /// Whether the run has event files of TensorBoard.
-    pub(super) fn has_events(&self) -> bool {
+    pub fn has_events(&self) -> bool {
         let entries = fs::read_dir(self.tensorboard());
         entries.is_ok_and(|entries| entries.flatten().any(|entry| self.is_events(&entry.path())))
     }
 
-    pub(super) fn path(&self) -> &Path {
+    /// The directory.
+    pub fn path(&self) -> &Path {
         &self.path
     }
-    pub(super) fn config(&self) -> PathBuf {
+    /// Where [`CONFIG`](super::names::CONFIG) is.
+    pub fn config(&self) -> PathBuf {
         self.path.join(CONFIG)
     }
-    pub(super) fn metrics(&self) -> PathBuf {
+    /// Where [`METRICS`](super::names::METRICS) is.
+    pub fn metrics(&self) -> PathBuf {
         self.path.join(METRICS)
     }
-    pub(super) fn summary(&self) -> PathBuf {
+    /// Where [`SUMMARY`](super::names::SUMMARY) is.
+    pub fn summary(&self) -> PathBuf {
         self.path.join(SUMMARY)
     }
-    pub(super) fn checkpoints(&self) -> PathBuf {
+    /// Where [`CHECKPOINTS`](super::names::CHECKPOINTS) is.
+    pub fn checkpoints(&self) -> PathBuf {
         self.path.join(CHECKPOINTS)
     }
-    pub(super) fn progress(&self) -> PathBuf {
+    /// Where [`PROGRESS`](super::names::PROGRESS) is.
+    pub fn progress(&self) -> PathBuf {
         self.path.join(PROGRESS)
     }
     /// The weights that the run started with, where they were not drawn.
-    pub(super) fn init(&self) -> PathBuf {
+    pub fn init(&self) -> PathBuf {
         self.checkpoints().join(INIT)
     }
-    pub(super) fn tensorboard(&self) -> PathBuf {
+    /// Where [`TENSORBOARD`](super::names::TENSORBOARD) is.
+    pub fn tensorboard(&self) -> PathBuf {
         self.path.join(TENSORBOARD)
     }
-    pub(super) fn best(&self) -> PathBuf {
+    /// Where [`BEST`](super::names::BEST) is.
+    pub fn best(&self) -> PathBuf {
         self.checkpoints().join(BEST)
     }
-    pub(super) fn last(&self) -> PathBuf {
+    /// Where [`LAST`](super::names::LAST) is.
+    pub fn last(&self) -> PathBuf {
         self.checkpoints().join(LAST)
     }
-    pub(super) fn previous(&self) -> PathBuf {
+    /// Where [`PREVIOUS`](super::names::PREVIOUS) is.
+    pub fn previous(&self) -> PathBuf {
         self.checkpoints().join(PREVIOUS)
-    }
-}
-
-/// Refuses `-` as an `--out`: everywhere else it is standard input or output, so that no command would find the directory.
-pub(super) fn check_out(path: &Path) -> Result<(), Failure> {
-    match path.to_str() {
-        Some("-") => Err(Failure::BadInput(
-            "--out -: a directory is needed, not standard output; give a name, such as runs/mine".into(),
-        )),
-        _ => Ok(()),
     }
 }
 
@@ -322,7 +314,7 @@ fn is_ordinary(path: &Path) -> bool {
 }
 
 /// The checkpoint that a user means: the file itself, or of a run's folder the best, else the last.
-pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
+pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
     if !path.is_dir() {
         return Ok(path.to_owned());
     }
@@ -336,7 +328,7 @@ pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
             Err(error) => {
                 return Err(bad(
                     path,
-                    &format!("cannot be searched for a policy: {}: {error}", file.display()),
+                    format!("cannot be searched for a policy: {}: {error}", file.display()),
                 ));
             }
         }
@@ -348,26 +340,17 @@ pub(super) fn checkpoint_of(path: &Path) -> Result<PathBuf, Failure> {
              cartpole-dqn train --config FILE --seed N",
         ));
     }
-    Err(bad(path, &format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run")))
+    Err(bad(path, format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run")))
 }
 
 /// The evaluation at the end of the run in a directory, as its summary has it, and the checkpoint of that policy.
-pub(super) fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
+pub fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
     let run = RunDir { path: path.to_owned() };
     let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;
     Some((summary.final_evaluation?, run.last()))
 }
 
-pub(super) fn bad(path: &Path, problem: &str) -> Failure {
-    Failure::BadInput(format!("directory {} {problem}", shown(path)))
-}
-
-/// A file of the user's choice that cannot be written.
-pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failure {
-    Failure::unwritten(format!("cannot write {}: {error}{hint}", shown(path)), error)
-}
-
-fn in_use(path: &Path) -> Failure {
+fn in_use(path: &Path) -> RunError {
     bad(
         path,
         "is in use by another process that trains there; wait until it ends, or choose another directory",

@@ -7,7 +7,6 @@ mod dashboard;
 mod live;
 mod pace;
 mod player;
-mod scene;
 mod watch;
 
 use std::io::{self, IsTerminal, stdout};
@@ -22,6 +21,8 @@ use ratatui::crossterm::terminal::{self, Clear, ClearType, EnterAlternateScreen}
 use ratatui::layout::{Rect, Size};
 use ratatui::widgets::Paragraph;
 use ratatui::{DefaultTerminal, Frame, TerminalOptions, Viewport};
+
+use crate::env::EnvironmentError;
 
 pub use live::{Interrupts, Live};
 pub use pace::Pace;
@@ -52,6 +53,9 @@ pub enum NoView {
     /// The terminal cannot hold it.
     #[error("the terminal has {} × {} characters, and {} × {} are needed; make it larger", .0.width, .0.height, SMALLEST.width, SMALLEST.height)]
     TooSmall(Size),
+    /// The environment failed.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
     /// The terminal does not do what it is told.
     #[error("the terminal cannot be used: {0}")]
     Terminal(#[from] io::Error),
@@ -166,15 +170,16 @@ fn is_quit(key: KeyEvent) -> bool {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::agent::Policy;
     use crate::nn::Mlp;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
     /// Pushes to the side to which the pole falls: Q = (−s, s) where s = θ + θ̇.
-    pub(super) fn policy() -> Mlp<f32> {
+    pub(super) fn policy() -> Policy {
         let mut policy = Mlp::zeros(vec![4, 2]);
         policy.layer_mut(0)[4..8].copy_from_slice(&[-1.0, 1.0, -1.0, 1.0]);
-        policy
+        Policy::Network(policy)
     }
 
     /// What a terminal of this size shows.

@@ -1,0 +1,186 @@
+//! What every command needs: how a command fails, and how it prints.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use crate::config::ConfigError;
+use crate::env::EnvironmentError;
+use crate::run::{CheckpointError, CheckpointProblem, RunError};
+use crate::text::{shown, steers};
+use crate::trainer::TrainError;
+use crate::view::NoView;
+
+/// Why a command ended without success.
+#[derive(Debug)]
+pub(super) enum Failure {
+    /// Something the user gave cannot be used: exit code 2.
+    BadInput(String),
+    /// It was tried and failed: exit code 1.
+    Failed(String),
+    /// A signal stopped it: that signal's exit code.
+    Interrupted(String, u8),
+}
+
+impl Failure {
+    /// A file that cannot be written. The same cause has the same exit code in every command: a place that can never be
+    /// written is bad input, a disk that fails or is full is a failure.
+    pub(super) fn unwritten(message: String, error: &io::Error) -> Self {
+        use io::ErrorKind as Kind;
+        match error.kind() {
+            Kind::PermissionDenied
+            | Kind::ReadOnlyFilesystem
+            | Kind::NotFound
+            | Kind::NotADirectory
+            | Kind::IsADirectory
+            | Kind::AlreadyExists
+            | Kind::InvalidFilename
+            | Kind::InvalidInput => Self::BadInput(message),
+            _ => Self::Failed(message),
+        }
+    }
+}
+
+impl From<ConfigError> for Failure {
+    fn from(error: ConfigError) -> Self {
+        let hint = match error {
+            ConfigError::Read { .. } | ConfigError::Json { .. } => {
+                "; --config takes a JSON file such as configs/cartpole.json"
+            }
+            _ => "",
+        };
+        Self::BadInput(on_one_line(&error) + hint)
+    }
+}
+
+impl From<CheckpointError> for Failure {
+    fn from(error: CheckpointError) -> Self {
+        let hint = match error.problem {
+            CheckpointProblem::Unreadable(_) | CheckpointProblem::NotSafetensors(_) => {
+                "; give a .safetensors file or the directory of a run"
+            }
+            _ => "",
+        };
+        Self::BadInput(on_one_line(&error) + hint)
+    }
+}
+
+impl From<EnvironmentError> for Failure {
+    fn from(error: EnvironmentError) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Checkpoint(error) => error.into(),
+            RunError::Environment(error) => error.into(),
+            RunError::Unwritable { ref source, .. } => Self::unwritten(error.to_string(), source),
+            RunError::Failed(message) => Self::Failed(message),
+            RunError::Directory { .. } | RunError::BadInput(_) | RunError::Config(_) => {
+                Self::BadInput(error.to_string())
+            }
+        }
+    }
+}
+
+impl From<TrainError> for Failure {
+    fn from(error: TrainError) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
+impl From<NoView> for Failure {
+    fn from(error: NoView) -> Self {
+        match error {
+            NoView::Terminal(_) | NoView::Environment(_) => Self::Failed(error.to_string()),
+            NoView::NoTerminal | NoView::Dumb | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
+        }
+    }
+}
+
+/// A text with its control characters, line breaks and tabs apart, written as in JSON: what stands in the name of somebody's
+/// file must not move the cursor or change the terminal.
+pub(super) fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '\n' | '\t' => escaped.push(character),
+            // All of them are below U+10000.
+            control if steers(control) => escaped += &format!("\\u{:04x}", u32::from(control)),
+            character => escaped.push(character),
+        }
+    }
+    escaped
+}
+
+/// This program, as it was called.
+pub(super) fn program() -> String {
+    let program = std::env::args_os().next().unwrap_or_else(|| "cartpole-dqn".into());
+    shell_word(&program.to_string_lossy())
+}
+
+/// A word as it can be typed into a shell.
+pub(super) fn shell_word(word: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "/\\:._-+=,".contains(c);
+    let is_word = !word.is_empty() && word.chars().all(is_plain);
+    if is_word { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
+/// Parses an integer from `LOW` to `HIGH`.
+pub(super) fn integer<const LOW: u64, const HIGH: u64>(text: &str) -> Result<u64, String> {
+    let number = text.parse().ok().filter(|number| (LOW..=HIGH).contains(number));
+    number.ok_or_else(|| format!("expected an integer from {LOW} to {HIGH}, in digits alone"))
+}
+
+/// Parses a seed.
+pub(super) fn seed(text: &str) -> Result<u64, String> {
+    integer::<0, { u64::MAX }>(text)
+}
+
+/// A message about one file, in whose name a line break must not begin a line.
+pub(super) fn on_one_line(error: &impl std::fmt::Display) -> String {
+    error.to_string().replace('\n', "\\n")
+}
+
+/// Says on stderr what the user should know though nothing has failed.
+pub(super) fn note(text: &str) {
+    say(&format!("note: {text}"));
+}
+
+/// Prints a line to stderr; a closed stderr leaves nobody to tell.
+pub(super) fn say(text: &str) {
+    let _ = writeln!(io::stderr(), "{}", escaped(text));
+}
+
+/// Prints to stdout. A reader that has gone away (`| head`) is no failure. JSON stays JSON: see [`escaped`].
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(escaped(text).as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Failed(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints one JSON value alone on stdout.
+pub(super) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string(value).map_err(|error| Failure::Failed(error.to_string()))?;
+    print(&(text + "\n"))
+}
+
+/// A file of the user's choice that cannot be written.
+pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failure {
+    Failure::unwritten(format!("cannot write {}: {error}{hint}", shown(path)), error)
+}
+
+/// Refuses `-` as an `--out`: everywhere else it is standard input or output, so that no command would find the directory.
+pub(super) fn check_out(path: &Path) -> Result<(), Failure> {
+    match path.to_str() {
+        Some("-") => Err(Failure::BadInput(
+            "--out -: a directory is needed, not standard output; give a name, such as runs/mine".into(),
+        )),
+        _ => Ok(()),
+    }
+}

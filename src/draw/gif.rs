@@ -1,0 +1,263 @@
+//! GIF: frames of which each holds the rectangle that has changed.
+
+use std::io::{self, Write};
+
+use gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
+
+use super::Placed;
+use crate::env::scene::{Bounds, Scene};
+
+const WIDTH: u16 = Scene::WIDTH;
+const HEIGHT: u16 = Scene::HEIGHT;
+const WHITE: [u8; 3] = [255; 3];
+/// Most colors of a picture, with white: the palette holds the mixtures of every two.
+const MAX_COLORS: usize = 6;
+/// Samples of a pixel along each side.
+const SAMPLES: u16 = 4;
+/// All samples of a pixel; a pixel is a mixture of two colors in as many parts.
+const PARTS: u16 = SAMPLES * SAMPLES;
+
+/// A rectangle of pixels; `right` and `bottom` are outside of it.
+#[derive(Clone, Copy)]
+struct Area {
+    left: u16,
+    top: u16,
+    right: u16,
+    bottom: u16,
+}
+
+/// Writes the episode of these scenes. The last scene stays for a second.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f64) -> io::Result<()> {
+    let palette = Palette::of(scenes);
+    // A frame lasts a whole number of hundredths of a second. Browsers slow frames of one hundredth down.
+    let delay = (100.0 / frames_per_second).round().clamp(2.0, 100.0) as u16;
+    let mut encoder = Encoder::new(out, WIDTH, HEIGHT, &palette.entries()).map_err(io_error)?;
+    encoder.set_repeat(Repeat::Infinite).map_err(io_error)?;
+    let mut shown = vec![palette.unchanged(); usize::from(WIDTH) * usize::from(HEIGHT)];
+    let mut before = None;
+    for (index, scene) in scenes.iter().enumerate() {
+        let changed = draw(scene, &palette, changed_area(before, scene), &mut shown);
+        let last = index + 1 == scenes.len();
+        let delay = if last { 100 } else { delay };
+        encoder.write_frame(&Frame { delay, ..changed }).map_err(io_error)?;
+        before = Some(scene);
+    }
+    Ok(())
+}
+
+/// Whether a file that begins like this can be one of [`write_gif`]: its size is that of the pictures.
+pub fn is_gif(start: &[u8]) -> bool {
+    let size = [WIDTH.to_le_bytes(), HEIGHT.to_le_bytes()].concat();
+    start.strip_prefix(b"GIF89a").is_some_and(|rest| rest.starts_with(&size))
+}
+
+fn io_error(error: EncodingError) -> io::Error {
+    match error {
+        EncodingError::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}
+
+/// All that a pixel can be: a color, a mixture of two in sixteenths, or unchanged.
+struct Palette {
+    /// White, then the shapes' colors.
+    colors: Vec<[u8; 3]>,
+}
+
+impl Palette {
+    fn of(scenes: &[Scene]) -> Self {
+        let mut colors = vec![WHITE];
+        for shape in scenes.iter().flat_map(|scene| &scene.shapes) {
+            if colors.len() < MAX_COLORS && !colors.contains(&shape.color.rgb()) {
+                colors.push(shape.color.rgb());
+            }
+        }
+        Self { colors }
+    }
+
+    /// The index of a color; white for one that the palette has no room for.
+    fn index(&self, color: [u8; 3]) -> usize {
+        self.colors.iter().position(|&known| known == color).unwrap_or(0)
+    }
+
+    /// The index of what has not changed, after the colors and the mixtures of each of their pairs.
+    fn unchanged(&self) -> u8 {
+        let count = self.colors.len();
+        (count + count * (count - 1) / 2 * usize::from(PARTS - 1)) as u8
+    }
+
+    /// Red, green and blue of every index.
+    fn entries(&self) -> Vec<u8> {
+        let mut entries: Vec<u8> = self.colors.concat();
+        // The pairs (second, first), the first being the smaller: (1, 0), (2, 0), (2, 1), ….
+        let pairs = (1..self.colors.len()).flat_map(|second| (0..second).map(move |first| (second, first)));
+        for (second, first) in pairs {
+            let channels = |i: usize| [first, second].map(|color| u16::from(self.colors[color][i]));
+            for part in 1..PARTS {
+                let mixed =
+                    |[first, second]: [u16; 2]| (first * (PARTS - part) + second * part + PARTS / 2) / PARTS;
+                entries.extend([0, 1, 2].map(|i| mixed(channels(i)) as u8));
+            }
+        }
+        entries.extend(WHITE);
+        entries
+    }
+
+    /// The index for how many samples have each color: the mixture of the two that most have.
+    fn mixture(&self, counts: [u16; MAX_COLORS]) -> u8 {
+        let mut order: [usize; MAX_COLORS] = std::array::from_fn(|i| i);
+        order.sort_by_key(|&color| std::cmp::Reverse(counts[color]));
+        let (first, second) = (order[0].min(order[1]), order[0].max(order[1]));
+        let both = counts[first] + counts[second];
+        match (counts[second] * PARTS + both / 2) / both {
+            0 => first as u8,
+            PARTS => second as u8,
+            part => {
+                let pair = second * (second - 1) / 2 + first;
+                (self.colors.len() + pair * usize::from(PARTS - 1)) as u8 + part as u8 - 1
+            }
+        }
+    }
+}
+
+impl Area {
+    const ALL: Self = Self { left: 0, top: 0, right: WIDTH, bottom: HEIGHT };
+    const NONE: Self = Self { left: WIDTH, top: HEIGHT, right: 0, bottom: 0 };
+
+    /// The pixels of an area of the picture, as far as they are in the picture.
+    fn of(Bounds { left, right, bottom, top }: Bounds) -> Self {
+        let within = |value: f64, end: u16| value.clamp(0.0, f64::from(end)) as u16;
+        let height = f64::from(HEIGHT);
+        Self {
+            left: within(left.floor(), WIDTH),
+            top: within((height - top).floor(), HEIGHT),
+            right: within(right.ceil(), WIDTH),
+            bottom: within((height - bottom).ceil(), HEIGHT),
+        }
+    }
+
+    fn union(self, other: Self) -> Self {
+        Self {
+            left: self.left.min(other.left),
+            top: self.top.min(other.top),
+            right: self.right.max(other.right),
+            bottom: self.bottom.max(other.bottom),
+        }
+    }
+}
+
+/// Where a scene can differ from the one before it: at the shapes that have moved.
+fn changed_area(before: Option<&Scene>, scene: &Scene) -> Area {
+    let Some(before) = before else { return Area::ALL };
+    let pairs = before.shapes.iter().zip(&scene.shapes);
+    let moved = pairs.filter(|(old, new)| old != new).flat_map(|(old, new)| [old, new]);
+    moved.map(|shape| Area::of(Placed::new(shape).bounds)).fold(Area::NONE, Area::union)
+}
+
+/// Draws an area of a scene over what is shown, and returns a frame with what has changed.
+fn draw(scene: &Scene, palette: &Palette, area: Area, shown: &mut [u8]) -> Frame<'static> {
+    let shapes: Vec<_> =
+        scene.shapes.iter().map(|shape| (Placed::new(shape), palette.index(shape.color.rgb()))).collect();
+    let unchanged = palette.unchanged();
+    let mut changed = Area::NONE;
+    let mut pixels = vec![unchanged; shown.len()];
+    for y in area.top..area.bottom {
+        for x in area.left..area.right {
+            let place = usize::from(y) * usize::from(WIDTH) + usize::from(x);
+            let pixel = palette.mixture(counts(x, y, &shapes));
+            if pixel != shown[place] {
+                (shown[place], pixels[place]) = (pixel, pixel);
+                changed = changed.union(Area { left: x, top: y, right: x + 1, bottom: y + 1 });
+            }
+        }
+    }
+    if changed.right == 0 {
+        // A frame has at least one pixel.
+        changed = Area { left: 0, top: 0, right: 1, bottom: 1 };
+    }
+    let Area { left, top, right, bottom } = changed;
+    let rows = pixels.chunks_exact(usize::from(WIDTH)).take(usize::from(bottom)).skip(usize::from(top));
+    let buffer: Vec<u8> = rows.flat_map(|row| &row[usize::from(left)..usize::from(right)]).copied().collect();
+    Frame {
+        left,
+        top,
+        width: right - left,
+        height: bottom - top,
+        buffer: buffer.into(),
+        transparent: Some(unchanged),
+        dispose: DisposalMethod::Keep,
+        ..Frame::default()
+    }
+}
+
+/// How many samples of a pixel have each color. The pixel is a square whose upper left corner is (x, y).
+fn counts(x: u16, y: u16, shapes: &[(Placed<'_>, usize)]) -> [u16; MAX_COLORS] {
+    let mut counts = [0; MAX_COLORS];
+    let offset = |sample: u16| (f64::from(sample) + 0.5) / f64::from(SAMPLES);
+    for (row, column) in (0..SAMPLES).flat_map(|row| (0..SAMPLES).map(move |column| (row, column))) {
+        let point = (f64::from(x) + offset(column), f64::from(HEIGHT - y) - offset(row));
+        let seen = shapes.iter().rev().find(|(shape, _)| shape.contains(point));
+        counts[seen.map_or(0, |&(_, color)| color)] += 1;
+    }
+    counts
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::env::scene::Color;
+    use crate::env::{CartPole, Environment};
+
+    /// Fast, far and beyond the picture's edge.
+    const STATES: [[f64; 4]; 5] = [
+        [0.0; 4],
+        [0.01, 0.0, 0.02, 0.0],
+        [-1.3, 0.0, -0.2, 0.0],
+        [2.39, 0.0, 0.2, 0.0],
+        [2.45, 0.0, 0.3, 0.0],
+    ];
+
+    #[test]
+    fn every_frame_upon_those_before_it_shows_its_state() {
+        let scenes = STATES.map(|state| CartPole::at(state).scene().unwrap());
+        let palette = Palette::of(&scenes);
+        let unchanged = palette.unchanged();
+        let mut file = Vec::new();
+        write_gif(&mut file, &scenes, 50.0).unwrap();
+        let mut decoder = gif::DecodeOptions::new().read_info(&file[..]).unwrap();
+        let mut shown = vec![unchanged; usize::from(WIDTH) * usize::from(HEIGHT)];
+        for scene in &scenes {
+            let frame = decoder.read_next_frame().unwrap().unwrap();
+            for (index, &pixel) in frame.buffer.iter().enumerate().filter(|(_, pixel)| **pixel != unchanged) {
+                let (row, column) = (index / usize::from(frame.width), index % usize::from(frame.width));
+                shown[(usize::from(frame.top) + row) * usize::from(WIDTH)
+                    + usize::from(frame.left)
+                    + column] = pixel;
+            }
+            let mut alone = vec![unchanged; shown.len()];
+            draw(scene, &palette, Area::ALL, &mut alone);
+            assert!(shown == alone, "{scene:?}");
+        }
+        assert!(decoder.read_next_frame().unwrap().is_none());
+    }
+
+    #[test]
+    fn the_palette_holds_what_mixtures_name() {
+        let palette = Palette::of(&[CartPole::default().scene().unwrap()]);
+        let entries = palette.entries();
+        assert_eq!(entries.len(), 3 * (usize::from(palette.unchanged()) + 1));
+        let color = |[white, ink, tan, lavender]: [u16; 4]| {
+            let index = palette.mixture([white, ink, tan, lavender, 0, 0]);
+            &entries[3 * usize::from(index)..][..3]
+        };
+        assert_eq!(color([0, 0, 16, 0]), Color::Tan.rgb());
+        assert_eq!(color([8, 8, 0, 0]), [128; 3]);
+        assert_eq!(color([0, 4, 12, 0]), [152, 114, 76]);
+        assert_eq!(color([0, 0, 4, 12]), [147, 137, 178]);
+        assert_eq!(color([12, 4, 0, 0]), [191; 3]);
+    }
+}

@@ -1,0 +1,113 @@
+//! Scenes as pictures: an episode as an animated GIF or SVG, and one scene in the terminal.
+//!
+//! Every drawing works for every environment, because an environment gives its picture as shapes. The same scenes give the
+//! same bytes.
+
+#[cfg(feature = "view")]
+mod braille;
+mod gif;
+mod svg;
+
+#[cfg(feature = "view")]
+pub use braille::draw as draw_braille;
+pub use gif::{is_gif, write_gif};
+pub use svg::{is_svg, svg};
+
+use crate::env::scene::{Bounds, Outline, Scene, Shape};
+
+/// A shape that can say which points it covers.
+struct Placed<'a> {
+    shape: &'a Shape,
+    sin: f64,
+    cos: f64,
+    bounds: Bounds,
+}
+
+impl<'a> Placed<'a> {
+    fn new(shape: &'a Shape) -> Self {
+        let (sin, cos) = (libm::sin(shape.angle), libm::cos(shape.angle));
+        let bounds = Bounds { left: 0.0, right: 0.0, bottom: 0.0, top: 0.0 };
+        let mut placed = Self { shape, sin, cos, bounds };
+        placed.bounds = placed.own_bounds();
+        placed
+    }
+
+    fn own_bounds(&self) -> Bounds {
+        let (points, margin) = match &self.shape.outline {
+            Outline::Polygon(points) => (&points[..], 0.0),
+            Outline::Circle(radius) => (&[(0.0, 0.0)][..], *radius),
+            Outline::Line(points) => (&points[..], 0.5),
+        };
+        let points: Vec<_> = points.iter().map(|&point| self.in_picture(point)).collect();
+        let smallest = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::INFINITY, f64::min) - margin;
+        Bounds {
+            left: smallest(&mut points.iter().map(|point| point.0)),
+            right: -smallest(&mut points.iter().map(|point| -point.0)),
+            bottom: smallest(&mut points.iter().map(|point| point.1)),
+            top: -smallest(&mut points.iter().map(|point| -point.1)),
+        }
+    }
+
+    /// Where a point of the outline is in the picture.
+    fn in_picture(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let at = self.shape.at;
+        (at.0 + x * self.cos - y * self.sin, at.1 + x * self.sin + y * self.cos)
+    }
+
+    /// Whether the shape covers a point of the picture.
+    fn contains(&self, (x, y): (f64, f64)) -> bool {
+        let Bounds { left, right, bottom, top } = self.bounds;
+        if x < left || x > right || y < bottom || y > top {
+            return false;
+        }
+        let (x, y) = (x - self.shape.at.0, y - self.shape.at.1);
+        let point = (x * self.cos + y * self.sin, y * self.cos - x * self.sin);
+        match &self.shape.outline {
+            Outline::Polygon(corners) => is_inside(point, corners),
+            Outline::Circle(radius) => point.0 * point.0 + point.1 * point.1 < radius * radius,
+            Outline::Line(points) => points.windows(2).any(|ends| distance(point, ends[0], ends[1]) < 0.5),
+        }
+    }
+}
+
+/// Whether a point is inside of a polygon: a ray to the right crosses an odd number of sides.
+fn is_inside((x, y): (f64, f64), corners: &[(f64, f64)]) -> bool {
+    let next = corners.iter().cycle().skip(1);
+    let crosses = |&(a, b): &(&(f64, f64), &(f64, f64))| {
+        (a.1 > y) != (b.1 > y) && x < a.0 + (b.0 - a.0) * (y - a.1) / (b.1 - a.1)
+    };
+    corners.iter().zip(next).filter(crosses).count() % 2 == 1
+}
+
+/// The distance of a point from the line between `a` and `b`.
+fn distance(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
+    let (across, along) = ((point.0 - a.0, point.1 - a.1), (b.0 - a.0, b.1 - a.1));
+    let length = along.0 * along.0 + along.1 * along.1;
+    let dot = across.0 * along.0 + across.1 * along.1;
+    let share = if length > 0.0 { (dot / length).clamp(0.0, 1.0) } else { 0.0 };
+    libm::hypot(across.0 - share * along.0, across.1 - share * along.1)
+}
+
+/// One shape throughout an episode.
+pub struct Motion<'a> {
+    /// The shape in the first scene.
+    pub shape: &'a Shape,
+    /// Its place in every scene.
+    pub at: Vec<(f64, f64)>,
+    /// Its angle in every scene, in rad.
+    pub angle: Vec<f64>,
+}
+
+/// The motion of every shape of an episode.
+pub fn motions(scenes: &[Scene]) -> Vec<Motion<'_>> {
+    let shapes = scenes.first().map_or(&[][..], |scene| &scene.shapes);
+    let motion = |(i, shape): (usize, _)| {
+        let placed = || scenes.iter().filter_map(move |scene: &Scene| scene.shapes.get(i));
+        Motion {
+            shape,
+            at: placed().map(|shape| shape.at).collect(),
+            angle: placed().map(|shape| shape.angle).collect(),
+        }
+    };
+    shapes.iter().enumerate().map(motion).collect()
+}

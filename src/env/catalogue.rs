@@ -1,0 +1,35 @@
+//! The environments that a config can name.
+
+use serde::{Deserialize, Serialize};
+
+use super::{CartPole, Environment, EnvironmentError, Spec, TimeLimit};
+
+/// The name of an environment. A new one is a variant, its name, and a line in both functions below.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum EnvironmentId {
+    /// Gymnasium's CartPole-v1: [`CartPole`] under a [`TimeLimit`] of 500 steps.
+    #[serde(rename = "CartPole-v1")]
+    CartPoleV1,
+}
+
+impl EnvironmentId {
+    /// Every environment's name.
+    pub const NAMES: &[&str] = &["CartPole-v1"];
+
+    /// What is known of the environment.
+    pub fn spec(self) -> Spec {
+        match self {
+            Self::CartPoleV1 => CartPole::default().spec().clone(),
+        }
+    }
+
+    /// The environment, whose episodes are truncated after `max_steps` steps.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn make(self, max_steps: u32) -> Result<Box<dyn Environment>, EnvironmentError> {
+        match self {
+            Self::CartPoleV1 => Ok(Box::new(TimeLimit::new(CartPole::default(), max_steps))),
+        }
+    }
+}

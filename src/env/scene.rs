@@ -1,0 +1,96 @@
+//! What an environment looks like at one moment, as shapes. Whoever draws a scene knows nothing of the environment.
+
+/// A picture of [`Scene::WIDTH`] × [`Scene::HEIGHT`] pixels. Lengths are in pixels; (0, 0) is the lower left corner, and
+/// heights count upwards, as in Gymnasium's renderers.
+///
+/// All scenes of an episode have the same shapes in the same order. Only the places and angles of the shapes change.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// The part of the picture that must be seen. A small display leaves out the rest.
+    pub focus: Bounds,
+    /// The shapes. A later shape covers an earlier one.
+    pub shapes: Vec<Shape>,
+}
+
+impl Scene {
+    /// Width of the picture in pixels.
+    pub const WIDTH: u16 = 600;
+    /// Height of the picture in pixels.
+    pub const HEIGHT: u16 = 400;
+}
+
+/// A rigid shape in its place.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shape {
+    /// The form, around (0, 0).
+    pub outline: Outline,
+    /// Where the outline's (0, 0) is in the picture.
+    pub at: (f64, f64),
+    /// How far the outline is turned around its (0, 0), in rad, counterclockwise.
+    pub angle: f64,
+    /// The color.
+    pub color: Color,
+}
+
+/// The form of a shape.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outline {
+    /// A filled polygon with these corners.
+    Polygon(Vec<(f64, f64)>),
+    /// A filled circle around (0, 0) with this radius.
+    Circle(f64),
+    /// A line from point to point, one pixel wide.
+    Line(Vec<(f64, f64)>),
+}
+
+impl Outline {
+    /// A filled rectangle between two horizontal and two vertical lines.
+    pub fn rectangle(bounds: Bounds) -> Self {
+        let Bounds { left, right, bottom, top } = bounds;
+        Self::Polygon(vec![(left, bottom), (right, bottom), (right, top), (left, top)])
+    }
+}
+
+/// An area between two vertical and two horizontal lines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Smallest x.
+    pub left: f64,
+    /// Largest x.
+    pub right: f64,
+    /// Smallest y.
+    pub bottom: f64,
+    /// Largest y.
+    pub top: f64,
+}
+
+/// The colors of Gymnasium's renderers. A scene has at most five of them on its white ground.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Color {
+    /// Black, or white where the ground is dark.
+    Ink,
+    /// A light brown.
+    Tan,
+    /// A light violet.
+    Lavender,
+}
+
+impl Color {
+    /// The name in lower case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ink => "ink",
+            Self::Tan => "tan",
+            Self::Lavender => "lavender",
+        }
+    }
+
+    /// Red, green and blue on a white ground.
+    pub fn rgb(self) -> [u8; 3] {
+        match self {
+            Self::Ink => [0, 0, 0],
+            Self::Tan => [202, 152, 101],
+            Self::Lavender => [129, 132, 203],
+        }
+    }
+}

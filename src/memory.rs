@@ -1,0 +1,19 @@
+//! Whether there is enough memory, before it is used.
+
+use std::io;
+
+/// Whether the memory suffices for parts of so many bytes at the same time. A later allocation that fails would end the
+/// process.
+///
+/// # Errors
+/// [`io::ErrorKind::OutOfMemory`] when it does not.
+pub fn check_memory(parts: impl IntoIterator<Item = u64>) -> io::Result<()> {
+    let mut reserved = Vec::new();
+    for part in parts {
+        let mut bytes = Vec::<u8>::new();
+        bytes.try_reserve_exact(usize::try_from(part).unwrap_or(usize::MAX))?;
+        // Or the compiler leaves the allocation out.
+        reserved.push(std::hint::black_box(bytes));
+    }
+    Ok(())
+}

@@ -1,0 +1,247 @@
+//! What the configs of a study came to over their seeds: types and numbers.
+
+use std::ops::Range;
+
+use serde::Serialize;
+
+use super::history::{self, Retention};
+use super::ranking::{Failures, score};
+use super::statistics::{self, Estimate, iqm, mean, median, sorted};
+use crate::env::Spec;
+use crate::study::{PolicyScore, Trial};
+use crate::trainer::Evaluation;
+
+/// The thresholds τ of a performance profile: 0, 5, …, 495 for CartPole.
+const PROFILE_POINTS: u32 = 100;
+
+/// `report.json` of a study.
+#[derive(Serialize)]
+pub(super) struct StudyReport {
+    pub(super) format_version: u32,
+    pub(super) kind: &'static str,
+    /// Of the first config's task.
+    pub(super) threshold: Option<f64>,
+    pub(super) seeds: Range<u64>,
+    pub(super) trials: usize,
+    pub(super) finished: usize,
+    pub(super) failed: usize,
+    pub(super) failures: Vec<Failures>,
+    pub(super) bootstrap: Bootstrap,
+    pub(super) warnings: Vec<String>,
+    pub(super) configs: Vec<ConfigReport>,
+    pub(super) comparisons: Vec<Comparison>,
+}
+
+#[derive(Serialize)]
+pub(super) struct Bootstrap {
+    pub(super) confidence: f64,
+    pub(super) resamples: usize,
+    pub(super) seed: u64,
+}
+
+/// What one config came to over its seeds.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ConfigReport {
+    pub(super) name: String,
+    #[serde(skip)]
+    pub(super) task: Spec,
+    pub(super) seeds: usize,
+    pub(super) failed: usize,
+    pub(super) final_solved: usize,
+    pub(super) best_solved: usize,
+    pub(super) final_solved_share: Estimate,
+    pub(super) best_solved_share: Estimate,
+    pub(super) final_iqm: Estimate,
+    pub(super) final_median: Estimate,
+    pub(super) final_mean: Estimate,
+    pub(super) best_iqm: Estimate,
+    pub(super) best_mean: Estimate,
+    /// IQM over seeds of the area under the learning curve.
+    pub(super) area_under_curve: Estimate,
+    pub(super) steps_to_solve: StepsToSolve,
+    pub(super) retention: ConfigRetention,
+    /// None where the study did not ask.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) endurance: Option<Endurance>,
+    pub(super) performance_profile: Vec<ProfilePoint>,
+    pub(super) learning_curve: Vec<CurvePoint>,
+    /// The sorted final scores, for the comparisons.
+    #[serde(skip)]
+    pub(super) scores: Vec<f64>,
+}
+
+/// Quantiles of the environment steps before the first evaluation that solves; null where that is never.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct StepsToSolve {
+    pub(super) q10: Option<u64>,
+    pub(super) q25: Option<u64>,
+    pub(super) q50: Option<u64>,
+    pub(super) q75: Option<u64>,
+    pub(super) q90: Option<u64>,
+    pub(super) never: usize,
+    #[serde(skip)]
+    pub(super) solved: Vec<u64>,
+}
+
+/// [`Retention`] over the seeds that solved.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ConfigRetention {
+    /// Mean over the seeds with an evaluation after the first that solved.
+    pub(super) share: Option<f64>,
+    pub(super) seeds: usize,
+    pub(super) worst: Option<Worst>,
+    pub(super) collapses: usize,
+    pub(super) collapsed_seeds: usize,
+}
+
+/// How many seeds have a policy that lasts [`study::ENDURANCE_STEPS`] steps from every start.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Endurance {
+    #[serde(rename = "final")]
+    pub(super) final_: usize,
+    pub(super) best: usize,
+    pub(super) final_share: Estimate,
+    pub(super) best_share: Estimate,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Worst {
+    pub(super) seed: u64,
+    pub(super) env_steps: u64,
+    pub(super) mean: f64,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ProfilePoint {
+    pub(super) tau: f64,
+    #[serde(flatten)]
+    pub(super) share: Estimate,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct CurvePoint {
+    pub(super) env_steps: u64,
+    #[serde(flatten)]
+    pub(super) iqm: Estimate,
+}
+
+/// A config against the first of the study, in its final scores.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Comparison {
+    pub(super) config: String,
+    pub(super) against: String,
+    pub(super) probability_of_improvement: Estimate,
+    pub(super) iqm_difference: Estimate,
+}
+
+pub(super) fn config_report(task: &Spec, trials: &[Trial]) -> ConfigReport {
+    let finals = sorted(trials.iter().map(|trial| score(trial.final_.as_ref(), task)));
+    let bests = sorted(trials.iter().map(|trial| score(trial.best.as_ref(), task)));
+    let solved = |scores: &[f64]| scores.iter().filter(|&&score| task.is_solved_by(score)).count();
+    let (final_solved, best_solved) = (solved(&finals), solved(&bests));
+    let longest = trials.iter().max_by_key(|trial| trial.evaluations.last().map(|last| last.env_steps));
+    let grid: Vec<u64> =
+        longest.into_iter().flat_map(|trial| &trial.evaluations).map(|e| e.env_steps).collect();
+    let curves: Vec<Vec<f64>> = trials
+        .iter()
+        .map(|trial| history::on_grid(&trial.evaluations, trial.error.is_some(), task, &grid))
+        .collect();
+    let areas = sorted(curves.iter().map(|curve| history::area_under_curve(&grid, curve)));
+    ConfigReport {
+        name: trials[0].config.clone(),
+        task: task.clone(),
+        seeds: trials.len(),
+        failed: trials.iter().filter(|trial| trial.error.is_some()).count(),
+        final_solved,
+        best_solved,
+        final_solved_share: Estimate::share(final_solved, trials.len()),
+        best_solved_share: Estimate::share(best_solved, trials.len()),
+        final_iqm: Estimate::of(&finals, iqm),
+        final_median: Estimate::of(&finals, median),
+        final_mean: Estimate::of(&finals, mean),
+        best_iqm: Estimate::of(&bests, iqm),
+        best_mean: Estimate::of(&bests, mean),
+        area_under_curve: Estimate::of(&areas, iqm),
+        steps_to_solve: steps_to_solve(task, trials),
+        retention: retention(task, trials),
+        endurance: endurance(trials),
+        performance_profile: profile(task, &finals),
+        learning_curve: learning_curve(&grid, &curves),
+        scores: finals,
+    }
+}
+
+fn steps_to_solve(task: &Spec, trials: &[Trial]) -> StepsToSolve {
+    let mut solved: Vec<u64> =
+        trials.iter().filter_map(|trial| history::steps_to_solve(&trial.evaluations, task)).collect();
+    solved.sort_unstable();
+    let quantile = |q| statistics::censored_quantile(&solved, trials.len(), q);
+    StepsToSolve {
+        q10: quantile(0.1),
+        q25: quantile(0.25),
+        q50: quantile(0.5),
+        q75: quantile(0.75),
+        q90: quantile(0.9),
+        never: trials.len() - solved.len(),
+        solved,
+    }
+}
+
+fn endurance(trials: &[Trial]) -> Option<Endurance> {
+    let was_asked = |score: &Option<PolicyScore>| score.as_ref().is_some_and(|score| score.endured.is_some());
+    let count = |of: fn(&Trial) -> Option<&PolicyScore>| {
+        trials.iter().filter(|trial| of(trial).and_then(PolicyScore::endures) == Some(true)).count()
+    };
+    let (final_, best) = (count(|trial| trial.final_.as_ref()), count(|trial| trial.best.as_ref()));
+    trials.iter().any(|trial| was_asked(&trial.final_) || was_asked(&trial.best)).then(|| Endurance {
+        final_,
+        best,
+        final_share: Estimate::share(final_, trials.len()),
+        best_share: Estimate::share(best, trials.len()),
+    })
+}
+
+fn retention(task: &Spec, trials: &[Trial]) -> ConfigRetention {
+    let kept: Vec<(u64, Retention)> = trials
+        .iter()
+        .filter_map(|trial| Some((trial.seed, history::retention(&trial.evaluations, task)?)))
+        .collect();
+    let shares: Vec<f64> = kept
+        .iter()
+        .filter(|(_, kept)| kept.evaluations > 0)
+        .map(|(_, kept)| kept.solved as f64 / kept.evaluations as f64)
+        .collect();
+    let worst = kept.iter().filter_map(|(seed, kept)| Some((*seed, kept.worst?)));
+    let worst = worst.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean));
+    ConfigRetention {
+        share: (!shares.is_empty()).then(|| mean(&shares)),
+        seeds: shares.len(),
+        worst: worst.map(|(seed, Evaluation { env_steps, mean })| Worst { seed, env_steps, mean }),
+        collapses: kept.iter().map(|(_, kept)| kept.collapses).sum(),
+        collapsed_seeds: kept.iter().filter(|(_, kept)| kept.collapses > 0).count(),
+    }
+}
+
+fn profile(task: &Spec, scores: &[f64]) -> Vec<ProfilePoint> {
+    let (low, high) = task.return_range;
+    let step = (high - low) / f64::from(PROFILE_POINTS);
+    let taus = (0..PROFILE_POINTS).map(|i| low + f64::from(i) * step);
+    let share = |tau| Estimate::share(statistics::count_above(scores, tau), scores.len());
+    taus.map(|tau| ProfilePoint { tau, share: share(tau) }).collect()
+}
+
+fn learning_curve(grid: &[u64], curves: &[Vec<f64>]) -> Vec<CurvePoint> {
+    let at = |i: usize| sorted(curves.iter().map(|curve| curve[i]));
+    let point = |(i, &env_steps)| CurvePoint { env_steps, iqm: Estimate::of(&at(i), iqm) };
+    grid.iter().enumerate().map(point).collect()
+}
+
+pub(super) fn compare(config: &ConfigReport, first: &ConfigReport) -> Comparison {
+    let (x, y) = (&config.scores, &first.scores);
+    Comparison {
+        config: config.name.clone(),
+        against: first.name.clone(),
+        probability_of_improvement: Estimate::of_two(x, y, statistics::probability_of_improvement),
+        iqm_difference: Estimate::of_two(x, y, |x, y| iqm(x) - iqm(y)),
+    }
+}

@@ -1,0 +1,282 @@
+//! Checkpoints: `.safetensors` files that PyTorch and NumPy users load as they are. docs/checkpoint.md describes
+//! the layout.
+
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{self, Read};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use safetensors::SafeTensors;
+use safetensors::tensor::Metadata;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use crate::agent::Policy;
+use crate::env::Spec;
+use crate::files::{open_ordinary, read_limited, write_whole_keeping};
+use crate::memory::check_memory;
+use crate::tensors::{TensorError, Tensors, sha256};
+use crate::trainer::ResumeError;
+
+/// The version of the layout, the only one that this program reads. It is raised whenever an old reader would misread a
+/// new file.
+pub const FORMAT_VERSION: u32 = 3;
+/// The one key of the metadata, so that its bytes cannot depend on an order of keys; the value is JSON.
+const METADATA_KEY: &str = "cartpole-dqn";
+/// What stands before the place of a file's own SHA-256 as this program writes it.
+const SEAL: &[u8] = br#"\"sha256\":\""#;
+/// How a header begins.
+const START: &str = "{\"format_version\":";
+/// What stands in the place of the SHA-256 while that is computed.
+const NO_SHA256: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+/// Largest file that is read, in bytes.
+const MAX_FILE_SIZE: u64 = 1 << 32;
+/// Longest JSON header, as the crate `safetensors` has it.
+const MAX_HEADER_SIZE: u64 = 100_000_000;
+
+/// A checkpoint in memory: named tensors, and the header if this program wrote it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Checkpoint {
+    /// The tensors.
+    pub tensors: Tensors,
+    metadata: Option<String>,
+}
+
+/// The header as it is written.
+#[derive(Serialize)]
+struct Sealed<'a, H> {
+    format_version: u32,
+    sha256: &'a str,
+    #[serde(flatten)]
+    header: &'a H,
+}
+
+/// What must be read first of a header.
+#[derive(Deserialize)]
+struct Found {
+    format_version: u32,
+    sha256: Option<String>,
+}
+
+/// What is wrong with a checkpoint.
+#[derive(Debug, thiserror::Error)]
+#[error("checkpoint {}: {problem}", path.display())]
+pub struct CheckpointError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub problem: CheckpointProblem,
+}
+
+/// See [`CheckpointError`].
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
+pub enum CheckpointProblem {
+    #[error("cannot be read: {0}")]
+    Unreadable(io::Error),
+    #[error("is not a safetensors file, or is cut off or damaged ({0})")]
+    NotSafetensors(String),
+    #[error("is damaged: its content does not match the SHA-256 in it")]
+    WrongSha256,
+    #[error(transparent)]
+    Tensor(#[from] TensorError),
+    #[error("has no metadata of cartpole-dqn, so another program wrote it")]
+    NoHeader,
+    #[error("has format version {0}; this program reads version {FORMAT_VERSION}")]
+    WrongVersion(u32),
+    #[error("its metadata is damaged: {0}")]
+    BadHeader(String),
+    #[error("holds only a policy and cannot be resumed; `last.safetensors` holds the state of a run")]
+    NotResumable,
+    #[error(transparent)]
+    Resume(#[from] ResumeError),
+    #[error("needs more memory than there is: {0}")]
+    Memory(String),
+    #[error("does not belong to the config.json of its run: {0}")]
+    OtherRun(String),
+}
+
+impl Checkpoint {
+    /// A checkpoint with a header and no tensors yet.
+    ///
+    /// # Errors
+    /// When JSON cannot express the header.
+    pub fn new(header: &impl Serialize) -> io::Result<Self> {
+        let sealed = Sealed { format_version: FORMAT_VERSION, sha256: NO_SHA256, header };
+        Ok(Self { tensors: Tensors::default(), metadata: Some(serde_json::to_string(&sealed)?) })
+    }
+
+    /// Reads a file whole. A file that cannot be one is refused by its size and its header: of what follows them nothing
+    /// is read.
+    ///
+    /// # Errors
+    /// When it cannot be read, is too large, or is not a whole safetensors file.
+    pub fn read(path: &Path) -> Result<Self, CheckpointError> {
+        Self::read_unnamed(path).map_err(|problem| CheckpointError { path: path.to_owned(), problem })
+    }
+
+    /// Parses the file of a run: as [`Self::read`], without the name of the file in the error.
+    ///
+    /// # Errors
+    /// See there.
+    pub(super) fn read_unnamed(path: &Path) -> Result<Self, CheckpointProblem> {
+        check_header(path)?;
+        let bytes = read_limited(path, MAX_FILE_SIZE).map_err(CheckpointProblem::Unreadable)?;
+        // The tensors here, and where they are put.
+        check_memory([bytes.len() as u64; 2]).map_err(CheckpointProblem::Unreadable)?;
+        Self::from_bytes(&bytes)
+    }
+
+    /// Reads a stream whole.
+    ///
+    /// # Errors
+    /// As [`Self::read`]. What does not begin as a safetensors file does is not read any further.
+    pub fn read_from(mut stream: impl Read) -> Result<Self, CheckpointProblem> {
+        let mut bytes = Vec::new();
+        // The length of the header in 8 bytes, then the header, which is a JSON object.
+        stream.by_ref().take(9).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
+        if bytes.last() == Some(&b'{') {
+            stream.take(MAX_FILE_SIZE).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
+        }
+        if bytes.len() as u64 > MAX_FILE_SIZE {
+            let message = format!("larger than {MAX_FILE_SIZE} bytes");
+            return Err(CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
+        }
+        Self::from_bytes(&bytes)
+    }
+
+    /// Parses the content of a file.
+    ///
+    /// # Errors
+    /// When it is not a whole safetensors file, or not as it was written.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, CheckpointProblem> {
+        let damaged =
+            |error: safetensors::SafeTensorError| CheckpointProblem::NotSafetensors(error.to_string());
+        let (header_length, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+        let tensors = Tensors::from_safetensors(bytes).map_err(damaged)?;
+        let metadata = metadata.metadata().clone().unwrap_or_default();
+        // Under another name it is a header of ours whose name is damaged.
+        let header =
+            metadata.into_iter().find(|(name, text)| name == METADATA_KEY || text.starts_with(START));
+        match header {
+            Some((name, text)) if name != METADATA_KEY || !is_sealed(bytes, header_length, &text) => {
+                Err(CheckpointProblem::WrongSha256)
+            }
+            header => Ok(Self { tensors, metadata: header.map(|(_, text)| text) }),
+        }
+    }
+
+    /// The content of a file; equal checkpoints give equal bytes.
+    ///
+    /// # Errors
+    /// When the format cannot express it.
+    pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
+        let metadata = self.metadata.clone().map(|header| HashMap::from([(METADATA_KEY.to_owned(), header)]));
+        let mut bytes = self.tensors.to_safetensors(metadata).map_err(io::Error::other)?;
+        seal(&mut bytes);
+        Ok(bytes)
+    }
+
+    /// Writes a file whole.
+    ///
+    /// # Errors
+    /// When it cannot be written; a file that was there before then still is.
+    pub fn write(&self, path: &Path) -> io::Result<()> {
+        self.write_keeping(path, None)
+    }
+
+    /// As [`Self::write`], and the file that was there before stays under the name `kept`.
+    ///
+    /// # Errors
+    /// See there.
+    pub fn write_keeping(&self, path: &Path, kept: Option<&Path>) -> io::Result<()> {
+        let bytes = self.to_bytes()?;
+        write_whole_keeping(path, kept, |file| file.write_all(&bytes))
+    }
+
+    /// The header.
+    ///
+    /// # Errors
+    /// When there is none, or it is of another version or damaged.
+    pub fn header<H: DeserializeOwned>(&self) -> Result<H, CheckpointProblem> {
+        let text = self.metadata.as_deref().ok_or(CheckpointProblem::NoHeader)?;
+        self.version()?;
+        serde_json::from_str(text).map_err(|error| CheckpointProblem::BadHeader(error.to_string()))
+    }
+
+    /// The format's version; none if another program wrote the file.
+    ///
+    /// # Errors
+    /// When this program does not know it, or the header does not say it.
+    pub fn version(&self) -> Result<Option<u32>, CheckpointProblem> {
+        let Some(text) = self.metadata.as_deref() else { return Ok(None) };
+        let found: Found =
+            serde_json::from_str(text).map_err(|error| CheckpointProblem::BadHeader(error.to_string()))?;
+        match found.format_version {
+            FORMAT_VERSION => Ok(Some(FORMAT_VERSION)),
+            version => Err(CheckpointProblem::WrongVersion(version)),
+        }
+    }
+
+    /// The policy: the network in the tensors without a prefix, whoever wrote them, for a task.
+    ///
+    /// # Errors
+    /// When there is none for this task, or a header names another version.
+    pub fn policy(&self, spec: &Spec) -> Result<Policy, CheckpointProblem> {
+        self.version()?;
+        Ok(Policy::from_tensors(&self.tensors, spec.observation_size, spec.num_actions)?)
+    }
+}
+
+/// Checks the length of a file against what its header says.
+fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
+    const LENGTH: usize = size_of::<u64>();
+    let damaged = |reason: &str| CheckpointProblem::NotSafetensors(reason.into());
+    let mut file = open_ordinary(File::options().read(true), path).map_err(CheckpointProblem::Unreadable)?;
+    let size = file.metadata().map_err(CheckpointProblem::Unreadable)?.len();
+    if size > MAX_FILE_SIZE {
+        let message = format!("larger than {MAX_FILE_SIZE} bytes");
+        return Err(CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
+    }
+    let mut length = [0; LENGTH];
+    file.read_exact(&mut length).map_err(|_| damaged("shorter than 8 bytes"))?;
+    let length = u64::from_le_bytes(length);
+    let data = size.checked_sub(LENGTH as u64).and_then(|rest| rest.checked_sub(length));
+    let data = data.filter(|_| length <= MAX_HEADER_SIZE).ok_or_else(|| damaged("its header is too long"))?;
+    let mut header = Vec::new();
+    file.take(length).read_to_end(&mut header).map_err(CheckpointProblem::Unreadable)?;
+    let header: Metadata =
+        serde_json::from_slice(&header).map_err(|error| damaged(&format!("its header: {error}")))?;
+    match header.data_len() as u64 {
+        expected if expected == data => Ok(()),
+        expected => Err(damaged(&format!("{data} bytes of tensors, and its header says {expected}"))),
+    }
+}
+
+/// Whether a file is as it was written, as far as its header says. Its SHA-256 is what stands first where its digits
+/// do, whoever has sealed it and with which spaces.
+fn is_sealed(bytes: &[u8], header_length: usize, header: &str) -> bool {
+    let Ok(found) = serde_json::from_str::<Found>(header) else { return true };
+    let Some(sha256) = found.sha256 else { return false };
+    let header = &bytes[..bytes.len().min(size_of::<u64>() + header_length)];
+    let place = header.windows(NO_SHA256.len()).position(|window| window == sha256.as_bytes());
+    place.is_some_and(|start| sha256 == sha256_without(bytes, start..start + NO_SHA256.len()))
+}
+
+/// Writes the SHA-256 of a file into it, if its header has a place for it.
+pub fn seal(bytes: &mut [u8]) {
+    if let Some(place) = seal_place(bytes) {
+        let sha256 = sha256_without(bytes, place.clone());
+        bytes[place].copy_from_slice(sha256.as_bytes());
+    }
+}
+
+fn seal_place(bytes: &[u8]) -> Option<Range<usize>> {
+    let start = bytes.windows(SEAL.len()).position(|window| window == SEAL)? + SEAL.len();
+    (start + NO_SHA256.len() <= bytes.len()).then_some(start..start + NO_SHA256.len())
+}
+
+/// The SHA-256 of a file in which that place holds zeros.
+fn sha256_without(bytes: &[u8], place: Range<usize>) -> String {
+    sha256([&bytes[..place.start], NO_SHA256.as_bytes(), &bytes[place.end..]])
+}

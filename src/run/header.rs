@@ -1,0 +1,80 @@
+//! What a checkpoint says of itself.
+
+use std::io;
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::json;
+
+use super::{Checkpoint, CheckpointProblem};
+use crate::agent::{Greedy, Policy};
+use crate::config::Config;
+use crate::env::Spec;
+use crate::trainer::{Evaluation, Progress, Snapshot};
+
+/// The header of a checkpoint that a run has written.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// Environment steps of the run so far.
+    pub env_steps: u64,
+    /// The latest evaluation; in `best.safetensors` that of the policy itself.
+    pub evaluation: Option<Evaluation>,
+    /// The run's config. A checkpoint does not hold the budget: a run that is extended leaves the bytes of one that had the
+    /// larger budget from the start.
+    #[serde(deserialize_with = "config_with_defaults")]
+    pub config: Config,
+    /// The counters of the run, in `last.safetensors` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub progress: Option<Progress>,
+}
+
+/// A config with defaults for the keys that are not in it.
+fn config_with_defaults<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Config, D::Error> {
+    let text = serde_json::Value::deserialize(deserializer)?.to_string();
+    Config::from_layers(Some(("config", &text)), &[]).map_err(D::Error::custom)
+}
+
+impl Checkpoint {
+    /// The checkpoint of a run with this config.
+    ///
+    /// # Errors
+    /// See [`Self::new`].
+    pub fn of_run(config: &Config, snapshot: Snapshot) -> io::Result<Self> {
+        let Snapshot { env_steps, evaluation, progress, tensors } = snapshot;
+        let mut header = json!(Header { env_steps, evaluation, config: config.clone(), progress });
+        header["config"].as_object_mut().map(|keys| keys.shift_remove("budget"));
+        let mut checkpoint = Self::new(&header)?;
+        checkpoint.tensors = tensors;
+        Ok(checkpoint)
+    }
+}
+
+/// A policy that can be played, with the header of its file; a file of another program has none.
+#[derive(Clone, Debug)]
+pub struct SavedPolicy {
+    /// The policy as it is in the file.
+    pub policy: Policy,
+    /// See [`Header`].
+    pub header: Option<Header>,
+}
+
+impl SavedPolicy {
+    /// The policy in a checkpoint, for a task.
+    ///
+    /// # Errors
+    /// When there is none for this task, or the header is of another version or damaged.
+    pub fn of(checkpoint: &Checkpoint, spec: &Spec) -> Result<Self, CheckpointProblem> {
+        let header = match checkpoint.header() {
+            Err(CheckpointProblem::NoHeader) => None,
+            header => Some(header?),
+        };
+        Ok(Self { policy: checkpoint.policy(spec)?, header })
+    }
+
+    /// The greedy policy for up to `batch` observations at once. Every Q-value that a user sees comes from here, so that
+    /// all of them are in units of the environment's rewards.
+    pub fn greedy(&self, batch: usize) -> Greedy {
+        let reward_scale = self.header.as_ref().map_or(1.0, |header| header.config.dqn.reward_scale);
+        self.policy.greedy(batch).with_reward_scale(reward_scale)
+    }
+}

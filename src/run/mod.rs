@@ -1,0 +1,69 @@
+//! The directory of a run: its files, its lock, its checkpoints, and how a run in it is resumed and verified.
+
+mod checkpoint;
+mod dir;
+mod header;
+pub mod names;
+mod record;
+mod resume;
+mod verify;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::config::ConfigError;
+use crate::env::EnvironmentError;
+use crate::text::shown;
+
+pub use checkpoint::{Checkpoint, CheckpointError, CheckpointProblem, FORMAT_VERSION, seal};
+pub use dir::{RunDir, checkpoint_of, final_evaluation};
+pub use header::{Header, SavedPolicy};
+pub use record::{Record, Recorder};
+pub use resume::{Resumed, Started, first_step, load, resume, start, start_again};
+pub use verify::{Extent, compare_files, compare_summaries, read_summary};
+
+/// Why a run cannot be made, opened or resumed.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The directory, or something in it, cannot be used.
+    #[error("directory {} {problem}", shown(path))]
+    Directory {
+        /// The directory.
+        path: PathBuf,
+        /// Why.
+        problem: String,
+    },
+    /// A file cannot be written.
+    #[error("cannot write {}: {source}{hint}", shown(path))]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// Something was tried and failed.
+    #[error("{0}")]
+    Failed(String),
+    /// Something that the user gave cannot be used here.
+    #[error("{0}")]
+    BadInput(String),
+    /// A checkpoint cannot be used.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// The config cannot be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The environment cannot be made.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+}
+
+fn bad(path: &Path, problem: impl Into<String>) -> RunError {
+    RunError::Directory { path: path.to_owned(), problem: problem.into() }
+}
+
+fn unwritable(path: &Path, source: io::Error, hint: &'static str) -> RunError {
+    RunError::Unwritable { path: path.to_owned(), source, hint }
+}

@@ -1,0 +1,104 @@
+//! What a run writes into its directory: events and checkpoints while it trains, and the summary at the end.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::{Checkpoint, RunDir, RunError, unwritable};
+use crate::config::Config;
+use crate::files::read_limited;
+use crate::nn::kernels;
+use crate::sink::{JsonLines, ProgressCsv};
+use crate::tensors::sha256;
+use crate::trainer::{self, CheckpointKind, EndReason, Event, Observer, Summary, Trainer};
+
+/// Keeps a run in its directory. As long as the recorder is there, no other process can change the run.
+pub struct Recorder {
+    dir: RunDir,
+    config: Config,
+    metrics: JsonLines,
+    progress: ProgressCsv,
+}
+
+impl Recorder {
+    /// Goes on after the events that are in `metrics`.
+    pub(super) fn new(dir: RunDir, config: Config, mut metrics: JsonLines) -> Result<Self, RunError> {
+        let progress = ProgressCsv::create(&dir.progress()).and_then(|mut progress| {
+            metrics.replay(&mut progress)?;
+            Ok(progress)
+        });
+        match progress {
+            Ok(progress) => Ok(Self { dir, config, metrics, progress }),
+            Err(error) => Err(unwritable(&dir.progress(), error, "")),
+        }
+    }
+}
+
+impl Observer for Recorder {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
+        self.metrics.event(event)?;
+        self.progress.event(event)
+    }
+
+    fn checkpoint(&mut self, due: &trainer::DueCheckpoint<'_>) -> io::Result<()> {
+        let (path, kept) = match due.kind {
+            CheckpointKind::Best => (self.dir.best(), None),
+            CheckpointKind::Last { keeps_previous } => {
+                self.metrics.sync().map_err(|error| named(&self.dir.metrics(), &error))?;
+                self.progress.sync().map_err(|error| named(&self.dir.progress(), &error))?;
+                (self.dir.last(), keeps_previous.then(|| self.dir.previous()))
+            }
+        };
+        let checkpoint = Checkpoint::of_run(&self.config, due.snapshot());
+        let written = checkpoint.and_then(|checkpoint| checkpoint.write_keeping(&path, kept.as_deref()));
+        written.map_err(|error| named(&path, &error))
+    }
+}
+
+/// The error with the name of its file.
+fn named(path: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("cannot write {}: {error}", path.display()))
+}
+
+/// Largest file of which the summary has the SHA-256, in bytes.
+const MAX_HASHED: u64 = 1 << 32;
+
+/// `summary.json`: what the run came to, and what it takes to repeat it.
+#[derive(Serialize)]
+pub struct Record {
+    #[serde(flatten)]
+    /// What the run came to.
+    pub summary: Summary,
+    /// Mean return of the last 100 training episodes, or of as many as there are.
+    pub mean_return_100: Option<f64>,
+    /// SHA-256 over the weights that `--init-from` gave the run; none if they were drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    init_sha256: Option<String>,
+    /// SHA-256 over `config.json`; none if it is gone.
+    config_sha256: Option<String>,
+    version: &'static str,
+    /// None where the program was not built from a clone; `-dirty` behind it if from changed files.
+    git_revision: Option<&'static str>,
+    /// The instruction set of the kernels.
+    cpu_path: &'static str,
+}
+
+impl Record {
+    /// What says how the program was built and where it ran, and not what it computed.
+    pub const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
+
+    /// The record of a run in a directory.
+    pub fn new(run: &RunDir, trainer: &Trainer, reason: EndReason, wall_seconds: f64) -> Self {
+        let file_sha256 = |path: PathBuf| read_limited(&path, MAX_HASHED).ok().map(|bytes| sha256([bytes]));
+        Self {
+            summary: trainer.summary(reason, wall_seconds),
+            mean_return_100: trainer.progress().mean_return_100(),
+            init_sha256: file_sha256(run.init()),
+            config_sha256: file_sha256(run.config()),
+            version: env!("CARGO_PKG_VERSION"),
+            git_revision: option_env!("CARTPOLE_DQN_REVISION"),
+            cpu_path: kernels::InstructionSet::current().name(),
+        }
+    }
+}

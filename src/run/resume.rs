@@ -1,0 +1,352 @@
+//! How a run begins, and how it is resumed.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::names::{LAST, PREVIOUS};
+use super::{
+    Checkpoint, CheckpointError, CheckpointProblem, Header, Recorder, RunDir, RunError, bad, checkpoint_of,
+    unwritable,
+};
+use crate::agent::Exploration;
+use crate::config::{Config, difference};
+use crate::files::{remove_unfinished, write_json};
+use crate::text::shown;
+use crate::trainer::{Budget, EndReason, Observer, ResumeError, TrainError, Trainer};
+
+/// A run that can be trained.
+pub struct Started {
+    /// Its directory.
+    pub dir: RunDir,
+    /// Its config.
+    pub config: Config,
+    /// The run.
+    pub trainer: Trainer,
+    /// Keeps it in its directory.
+    pub recorder: Recorder,
+    /// What the user should know though nothing has failed.
+    pub notes: Vec<String>,
+}
+
+/// What there is to do for a run that is to be resumed.
+pub enum Resumed {
+    /// To train.
+    Run(Box<Started>),
+    /// Nothing: it has ended. Why, for the user.
+    Ended(RunDir, String),
+}
+
+/// Makes a new run in a directory. `init` is the policy that it starts with: a run's directory or a file.
+///
+/// # Errors
+/// When the directory cannot be used, or the policy does not fit; nothing of the run stays then.
+pub fn start(path: &Path, force: bool, config: &Config, init: Option<&Path>) -> Result<Started, RunError> {
+    let mut trainer = config.make_trainer()?;
+    let init = init.map(|path| start_from(&checkpoint_of(path)?, &mut trainer)).transpose()?;
+    let (dir, metrics) = RunDir::create(path, force, config, init.as_ref())?;
+    let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics)?;
+    // From now on a run without a checkpoint is one that has lost it, however early the process is killed.
+    save(&mut trainer, &mut recorder)?;
+    Ok(Started { dir, config: config.clone(), trainer, recorder, notes: Vec::new() })
+}
+
+/// Makes a directory for the repetition of a run.
+///
+/// # Errors
+/// When the directory cannot be used.
+pub fn start_again(
+    path: &Path,
+    config: &Config,
+    init: Option<&Checkpoint>,
+) -> Result<(RunDir, Recorder), RunError> {
+    let (dir, metrics) = RunDir::create(path, false, config, init)?;
+    Ok((dir.clone(), Recorder::new(dir, config.clone(), metrics)?))
+}
+
+fn save(trainer: &mut Trainer, recorder: &mut dyn Observer) -> Result<(), RunError> {
+    trainer.save_last(recorder).map_err(|error: TrainError| RunError::Failed(error.to_string()))
+}
+
+/// Gives a run before its first step the weights of a policy; returns the copy that the run keeps, so that it can be resumed
+/// and verified without the file that they came from.
+fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError> {
+    let policy = Checkpoint::read(path)?
+        .policy(trainer.spec())
+        .map_err(|problem| CheckpointError { path: path.to_owned(), problem })?;
+    let own = trainer.agent().policy();
+    let (found, wanted) = (policy.network().sizes(), own.network().sizes());
+    if found != wanted {
+        let hidden: Vec<String> = found[1..found.len() - 1].iter().map(usize::to_string).collect();
+        return Err(RunError::BadInput(format!(
+            "checkpoint {}: its policy has layers {found:?}, and the network of the run {wanted:?}; start from a policy \
+             of that shape, or train one of this shape: --set 'network.hidden=[{}]'",
+            shown(path),
+            hidden.join(",")
+        )));
+    }
+    let mut copy = Checkpoint::default();
+    policy.save("", &mut copy.tensors);
+    if trainer.agent_mut().start_from(&policy) {
+        Ok(copy)
+    } else {
+        Err(RunError::BadInput(format!(
+            "checkpoint {}: its weights become infinite under the run's `observation_divisors`",
+            shown(path)
+        )))
+    }
+}
+
+/// The run of a directory before its first step, and the weights that it starts with where they are not drawn.
+///
+/// # Errors
+/// When the environment cannot be made, or those weights cannot be read.
+pub fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Checkpoint>), RunError> {
+    let mut trainer = config.make_trainer()?;
+    let init = run.init().exists().then(|| start_from(&run.init(), &mut trainer)).transpose()?;
+    Ok((trainer, init))
+}
+
+/// Takes the run in a directory back to its latest good checkpoint, with everything that it has written since then cut
+/// off. `sets` may change its budget and its schedules. Nothing is changed on bad input.
+///
+/// # Errors
+/// When the directory holds no run that can be resumed so.
+pub fn resume(path: &Path, sets: &[String]) -> Result<Resumed, RunError> {
+    let (dir, recorded) = RunDir::open(path)?;
+    let mut metrics = dir.take()?;
+    let config = with_other_budget(&recorded, sets, path)?;
+    config.check_memory(1).map_err(RunError::BadInput)?;
+    let mut notes = Vec::new();
+    let (mut trainer, falls_back) = latest(&dir, &config, &mut notes)?;
+    let (steps, episodes) = (trainer.progress().env_steps, trainer.progress().episodes);
+    if trainer.is_past_budget() {
+        let budget = json!(config.budget);
+        return Err(bad(
+            path,
+            format!(
+                "holds a run that is already past the budget {budget}: it is at step {steps} and in episode {episodes}; give \
+                 it a larger budget"
+            ),
+        ));
+    }
+    let branches = steps > 0 && schedules(&config) != schedules(&recorded);
+    if let (Some(reason), true) = (trainer.end_reason(), dir.summary().is_file()) {
+        return match branches {
+            true => Err(bad(
+                path,
+                format!(
+                    "holds a run that has ended; give it a larger budget with the schedule, such as --set budget.steps={}",
+                    steps.saturating_mul(2)
+                ),
+            )),
+            false => Ok(Resumed::Ended(dir, has_ended(reason, steps, episodes))),
+        };
+    }
+    let events = trainer.progress().events;
+    let failed = |error: io::Error| unwritable(path, error, "");
+    if !metrics.cut(events).map_err(failed)? {
+        return Err(bad(
+            path,
+            format!(
+                "has a metrics.jsonl with fewer lines than the {events} that the run had written before its checkpoint; \
+                 restore the file, or train again"
+            ),
+        ));
+    }
+    take_back(&dir, &trainer, falls_back).map_err(failed)?;
+    if config != recorded {
+        write_json(&dir.config(), &config).map_err(failed)?;
+    }
+    let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics)?;
+    if branches {
+        trainer.branch();
+        notes.push(format!(
+            "from step {steps} on the run follows another schedule. It is now a branch of its own: no single config \
+             repeats it, so `verify` refuses it"
+        ));
+    }
+    trainer.save_best(&mut recorder).map_err(|error| RunError::Failed(error.to_string()))?;
+    notes.extend(schedules_that_have_ended(&config, steps, config.budget != recorded.budget));
+    Ok(Resumed::Run(Box::new(Started { dir, config, trainer, recorder, notes })))
+}
+
+/// Why there is nothing to resume.
+fn has_ended(reason: EndReason, steps: u64, episodes: u64) -> String {
+    match reason {
+        EndReason::Solved => {
+            format!("the run solved its task after {steps} steps and ended there; there is nothing to resume")
+        }
+        _ => format!(
+            "the run has ended after {steps} steps and {episodes} episodes; to extend it, give it a larger budget, \
+             for example --set budget.steps={}",
+            steps.saturating_mul(2)
+        ),
+    }
+}
+
+/// What a resumed run may change besides its budget.
+fn schedules(config: &Config) -> (crate::nn::OptimizerConfig, Exploration) {
+    (config.dqn.optimizer, config.dqn.exploration)
+}
+
+/// What the user should know of schedules that end, or have ended, before the run does. That ε stays at its last value is
+/// worth a word only where the run becomes longer than it was planned.
+fn schedules_that_have_ended(config: &Config, env_steps: u64, is_extended: bool) -> Vec<String> {
+    let end = if let Budget::Steps(steps) = config.budget { steps } else { env_steps };
+    let mut notes = Vec::new();
+    if let Some(schedule) = config.dqn.optimizer.schedule
+        && (schedule.steps <= env_steps || schedule.steps < end)
+    {
+        let rate = schedule.final_learning_rate;
+        let effect = if rate > 0.0 { "" } else { ", with which the network learns nothing" };
+        notes.push(format!(
+            "the schedule of the learning rate ends at step {}: from there on the rate is {rate}{effect}. To stretch it, \
+             add --set optimizer.schedule.steps={end}; --set optimizer.schedule=null keeps the rate at {}",
+            schedule.steps,
+            config.dqn.optimizer.learning_rate
+        ));
+    }
+    if let Exploration::Linear { final_, steps, .. } = config.dqn.exploration
+        && is_extended
+        && steps <= env_steps
+    {
+        notes.push(format!(
+            "the schedule of epsilon ended at step {steps}: from there on epsilon is {final_}. To stretch it, add \
+             --set exploration.steps={end}"
+        ));
+    }
+    notes
+}
+
+/// The run's config with what `--set` changes, which may be the budget and the schedules alone.
+fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<Config, RunError> {
+    let config = Config::from_layers(Some(("the run's config", &json!(recorded).to_string())), sets)?;
+    match other_run(recorded, &config) {
+        None => Ok(config),
+        Some(difference) => Err(bad(
+            path,
+            format!(
+                "holds a run with other settings: {difference}. A resumed run can change only its budget and its schedules \
+                 (optimizer.schedule, optimizer.learning_rate, a linear exploration); to train with other settings, \
+                 start a new run without --resume"
+            ),
+        )),
+    }
+}
+
+/// What makes two configs different runs: not the budget, and not the schedules, which a resumed run may change.
+fn other_run(recorded: &Config, given: &Config) -> Option<String> {
+    let are_linear =
+        [recorded, given].map(|config| matches!(config.dqn.exploration, Exploration::Linear { .. }));
+    let comparable = |config: &Config| {
+        let mut value = json!(config);
+        value["budget"] = Value::Null;
+        value["optimizer"]["schedule"] = Value::Null;
+        value["optimizer"]["learning_rate"] = Value::Null;
+        if are_linear == [true; 2] {
+            value["exploration"] = Value::Null;
+        }
+        value
+    };
+    difference("", &comparable(recorded), &comparable(given))
+}
+
+/// The run at its latest good checkpoint, and whether that is the previous one; at its start if it was killed before
+/// there was one.
+fn latest(run: &RunDir, config: &Config, notes: &mut Vec<String>) -> Result<(Trainer, bool), RunError> {
+    let last = match load(&run.last(), config) {
+        Ok(trainer) => return Ok((trainer, false)),
+        Err(error) => error,
+    };
+    match load(&run.previous(), config) {
+        _ if !can_be_replaced(&last.problem) => Err(last.into()),
+        Ok(trainer) => {
+            let steps = trainer.progress().env_steps;
+            notes.push(format!("{last}; resuming from {} at step {steps} instead", run.previous().display()));
+            Ok((trainer, true))
+        }
+        Err(previous) if is_missing(&last.problem) && is_missing(&previous.problem) => {
+            let has_metrics = run.metrics().metadata().is_ok_and(|file| file.len() > 0);
+            let found = [
+                ("metrics", has_metrics),
+                ("best", run.best().exists()),
+                ("summary", run.summary().exists()),
+            ];
+            if let Some((found, _)) = found.iter().find(|(_, is_there)| *is_there) {
+                return Err(bad(
+                    run.path(),
+                    format!(
+                        "cannot be resumed: its checkpoints {LAST} and {PREVIOUS} are missing, though the run has begun \
+                         ({found} found). Put one of them back into {}, or train again: --config {} --out another \
+                         directory",
+                        run.checkpoints().display(),
+                        run.config().display()
+                    ),
+                ));
+            }
+            notes.push("the run has no checkpoint yet, so it starts again at step 0".into());
+            Ok((first_step(run, config)?.0, false))
+        }
+        Err(previous) => Err(RunError::BadInput(format!(
+            "{last}; {previous}; train again with --config {} and another --out",
+            run.config().display()
+        ))),
+    }
+}
+
+/// The run that a checkpoint was taken of, with another budget and other schedules if the config has others.
+///
+/// # Errors
+/// When the checkpoint cannot be read, or does not hold the state of such a run.
+pub fn load(path: &Path, config: &Config) -> Result<Trainer, CheckpointError> {
+    let load = || {
+        let checkpoint = Checkpoint::read_unnamed(path)?;
+        let header: Header = checkpoint.header()?;
+        let progress = header.progress.ok_or(CheckpointProblem::NotResumable)?;
+        if let Some(difference) = other_run(config, &header.config) {
+            return Err(CheckpointProblem::OtherRun(difference));
+        }
+        config.check_memory(1).map_err(CheckpointProblem::Memory)?;
+        let trainer = config.make_trainer().map_err(ResumeError::from)?;
+        Ok(trainer.resume(progress, &checkpoint.tensors)?)
+    };
+    load().map_err(|problem| CheckpointError { path: path.to_owned(), problem })
+}
+
+fn is_missing(problem: &CheckpointProblem) -> bool {
+    matches!(problem, CheckpointProblem::Unreadable(error) if error.kind() == io::ErrorKind::NotFound)
+}
+
+/// Whether the previous checkpoint may be used instead. Not if the last one is intact and only cannot be read by this
+/// program now: the user can fix that.
+fn can_be_replaced(problem: &CheckpointProblem) -> bool {
+    let readable = matches!(
+        problem,
+        CheckpointProblem::Unreadable(_)
+            | CheckpointProblem::Memory(_)
+            | CheckpointProblem::WrongVersion(_)
+            | CheckpointProblem::OtherRun(_)
+    );
+    !readable || is_missing(problem)
+}
+
+/// Removes what the run has written after its checkpoint, the metrics apart.
+fn take_back(run: &RunDir, trainer: &Trainer, falls_back: bool) -> io::Result<()> {
+    fs::create_dir_all(run.checkpoints())?;
+    remove_unfinished(run.path())?;
+    remove_unfinished(&run.checkpoints())?;
+    if falls_back {
+        fs::rename(run.previous(), run.last())?;
+    }
+    let no_best = trainer.best_policy().is_none().then(|| run.best());
+    for path in [run.summary()].into_iter().chain(no_best) {
+        match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(())
+}

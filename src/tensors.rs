@@ -1,0 +1,276 @@
+//! Named tensors, as PyTorch and NumPy users know them: what agents save and load. They know no files and no runs.
+
+use std::collections::{BTreeMap, HashMap};
+
+use safetensors::{Dtype, SafeTensors, View};
+
+use crate::nn::Mlp;
+use crate::rng::Rng;
+
+/// Most layers and most units of a layer that a policy may have.
+const MAX_LAYERS: usize = 64;
+const MAX_UNITS: usize = 1 << 16;
+
+/// Tensors by name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tensors(BTreeMap<String, Tensor>);
+
+#[derive(Clone, Debug, PartialEq)]
+struct Tensor {
+    dtype: Dtype,
+    shape: Vec<usize>,
+    /// Little-endian.
+    bytes: Vec<u8>,
+}
+
+/// What is wrong with a tensor, or with what several of them should be together.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
+pub enum TensorError {
+    #[error("has no tensor `{0}`")]
+    Missing(String),
+    #[error("tensor `{name}` is {dtype:?} {shape:?}, expected {expected}")]
+    Unexpected { name: String, dtype: Dtype, shape: Vec<usize>, expected: String },
+    #[error(
+        "holds no policy: the tensors without a prefix must be exactly `0.weight`, `0.bias`, `2.weight`, …"
+    )]
+    NoPolicy,
+    #[error("its policy has layers {found:?}; the task needs {inputs} inputs and {outputs} outputs")]
+    WrongNetwork { found: Vec<usize>, inputs: usize, outputs: usize },
+    #[error("tensor `{0}` holds NaN or infinity")]
+    NotFinite(String),
+    #[error("its {0} is inconsistent")]
+    Inconsistent(&'static str),
+}
+
+/// A number that tensors consist of.
+pub trait Element: Copy {
+    /// Its type in the file.
+    const DTYPE: Dtype;
+    /// Little-endian bytes.
+    fn to_bytes(values: &[Self]) -> Vec<u8>;
+    /// The inverse of [`Self::to_bytes`].
+    fn from_bytes(bytes: &[u8]) -> Vec<Self>;
+}
+
+macro_rules! element {
+    ($type:ty, $dtype:ident, $size:literal) => {
+        impl Element for $type {
+            const DTYPE: Dtype = Dtype::$dtype;
+            fn to_bytes(values: &[Self]) -> Vec<u8> {
+                values.iter().flat_map(|value| value.to_le_bytes()).collect()
+            }
+            fn from_bytes(bytes: &[u8]) -> Vec<Self> {
+                bytes.as_chunks::<$size>().0.iter().map(|&bytes| Self::from_le_bytes(bytes)).collect()
+            }
+        }
+    };
+}
+
+element!(u8, U8, 1);
+element!(f32, F32, 4);
+element!(f64, F64, 8);
+element!(u64, U64, 8);
+
+impl View for &Tensor {
+    fn dtype(&self) -> Dtype {
+        self.dtype
+    }
+    fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
+        (&self.bytes).into()
+    }
+    fn data_len(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl Tensors {
+    /// The tensors in the bytes of a safetensors file.
+    ///
+    /// # Errors
+    /// What the crate `safetensors` says when the bytes are not a whole file.
+    pub fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
+        let file = SafeTensors::deserialize(bytes)?;
+        let tensors = file.iter().map(|(name, view)| {
+            let tensor =
+                Tensor { dtype: view.dtype(), shape: view.shape().to_vec(), bytes: view.data().to_vec() };
+            (name.to_owned(), tensor)
+        });
+        Ok(Self(tensors.collect()))
+    }
+
+    /// The bytes of a safetensors file with these tensors and this metadata.
+    ///
+    /// # Errors
+    /// When the format cannot express them.
+    pub fn to_safetensors(
+        &self,
+        metadata: Option<HashMap<String, String>>,
+    ) -> Result<Vec<u8>, safetensors::SafeTensorError> {
+        safetensors::serialize(&self.0, metadata)
+    }
+
+    /// Name, type and shape of every tensor, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, Dtype, &[usize])> {
+        self.0.iter().map(|(name, tensor)| (name.as_str(), tensor.dtype, tensor.shape.as_slice()))
+    }
+
+    /// Adds a tensor.
+    pub fn put<T: Element>(&mut self, name: &str, shape: &[usize], values: &[T]) {
+        let tensor = Tensor { dtype: T::DTYPE, shape: shape.to_vec(), bytes: T::to_bytes(values) };
+        self.0.insert(name.to_owned(), tensor);
+    }
+
+    /// A tensor's values.
+    ///
+    /// # Errors
+    /// When it is missing or of another type or shape.
+    pub fn get<T: Element>(&self, name: &str, shape: &[usize]) -> Result<Vec<T>, TensorError> {
+        let tensor = self.tensor(name)?;
+        if tensor.dtype != T::DTYPE || tensor.shape != shape {
+            return Err(tensor.unexpected(name, format!("{:?} {shape:?}", T::DTYPE)));
+        }
+        Ok(T::from_bytes(&tensor.bytes))
+    }
+
+    /// The one value of a tensor.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
+    pub fn get_one<T: Element>(&self, name: &str) -> Result<T, TensorError> {
+        self.get(name, &[1])?.into_iter().next().ok_or_else(|| TensorError::Missing(name.to_owned()))
+    }
+
+    /// A tensor's shape.
+    ///
+    /// # Errors
+    /// When it is missing.
+    pub fn shape(&self, name: &str) -> Result<&[usize], TensorError> {
+        Ok(&self.tensor(name)?.shape)
+    }
+
+    fn tensor(&self, name: &str) -> Result<&Tensor, TensorError> {
+        self.0.get(name).ok_or_else(|| TensorError::Missing(name.to_owned()))
+    }
+
+    /// Adds a network as `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, …: the names that a
+    /// `torch.nn.Sequential` of Linear and ReLU gives them.
+    pub fn put_network(&mut self, prefix: &str, network: &Mlp<f32>) {
+        for (index, sizes) in network.sizes().windows(2).enumerate() {
+            let (weight, bias) = torch_layer(network, index);
+            self.put(&format!("{prefix}{}.weight", 2 * index), &[sizes[1], sizes[0]], &weight);
+            self.put(&format!("{prefix}{}.bias", 2 * index), &[sizes[1]], bias);
+        }
+    }
+
+    /// Fills a network from the tensors of [`Self::put_network`].
+    ///
+    /// # Errors
+    /// When one is missing or of another type or shape.
+    pub fn get_network(&self, prefix: &str, network: &mut Mlp<f32>) -> Result<(), TensorError> {
+        for (index, sizes) in network.sizes().to_vec().windows(2).enumerate() {
+            let (inputs, outputs) = (sizes[0], sizes[1]);
+            let name = |kind| format!("{prefix}{}.{kind}", 2 * index);
+            let torch_weight = self.get::<f32>(&name("weight"), &[outputs, inputs])?;
+            let (weight, bias) = network.layer_mut(index).split_at_mut(inputs * outputs);
+            for (position, value) in weight.iter_mut().enumerate() {
+                *value = torch_weight[position % outputs * inputs + position / outputs];
+            }
+            bias.copy_from_slice(&self.get::<f32>(&name("bias"), &[outputs])?);
+        }
+        Ok(())
+    }
+
+    /// The policy: the network in the unprefixed tensors, whoever wrote them, for a task with these sizes.
+    ///
+    /// # Errors
+    /// When there is none, it is of another shape, or a weight is not finite.
+    pub fn network(&self, inputs: usize, outputs: usize) -> Result<Mlp<f32>, TensorError> {
+        let mut sizes = Vec::new();
+        for index in 0..MAX_LAYERS {
+            let name = format!("{}.weight", 2 * index);
+            let Some(tensor) = self.0.get(&name) else { break };
+            let &[rows, columns] = tensor.shape.as_slice() else {
+                return Err(tensor.unexpected(&name, "F32 [out, in]".into()));
+            };
+            let expected = *sizes.last().unwrap_or(&columns);
+            if columns != expected || !(1..=MAX_UNITS).contains(&rows) || !(1..=MAX_UNITS).contains(&columns)
+            {
+                return Err(tensor.unexpected(&name, format!("F32 [1…{MAX_UNITS}, {expected}]")));
+            }
+            if sizes.is_empty() {
+                sizes.push(columns);
+            }
+            sizes.push(rows);
+        }
+        let policy_tensors =
+            self.0.keys().filter(|name| name.starts_with(|first: char| first.is_ascii_digit())).count();
+        if sizes.is_empty() || policy_tensors != 2 * (sizes.len() - 1) {
+            return Err(TensorError::NoPolicy);
+        }
+        if (sizes[0], sizes[sizes.len() - 1]) != (inputs, outputs) {
+            return Err(TensorError::WrongNetwork { found: sizes, inputs, outputs });
+        }
+        let mut network = Mlp::zeros(sizes);
+        self.get_network("", &mut network)?;
+        let finite = |layer: &[f32]| layer.iter().all(|value| value.is_finite());
+        match (0..network.num_layers()).find(|&layer| !finite(network.layer(layer))) {
+            Some(layer) => Err(TensorError::NotFinite(format!("{}.weight` or `{0}.bias", 2 * layer))),
+            None => Ok(network),
+        }
+    }
+
+    /// Adds the place of a stream of random numbers, shape (4), U64.
+    pub fn put_rng(&mut self, name: &str, rng: &Rng) {
+        self.put(name, &[4], &rng.to_words());
+    }
+
+    /// A stream of random numbers at the place of [`Self::put_rng`].
+    ///
+    /// # Errors
+    /// When it is missing, of another type or shape, or no place of a generator.
+    pub fn get_rng(&self, name: &str) -> Result<Rng, TensorError> {
+        let words = self.get::<u64>(name, &[4])?.try_into().ok().and_then(Rng::from_words);
+        words.ok_or(TensorError::Inconsistent("generator of random numbers"))
+    }
+}
+
+/// SHA-256 in lower-case hexadecimal.
+pub fn sha256<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
+    use sha2::Digest as _;
+    let mut hash = sha2::Sha256::new();
+    parts.into_iter().for_each(|part| hash.update(part));
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A layer's weight as [out, in] and its bias.
+fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
+    let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
+    let (weight, bias) = network.layer(layer).split_at(inputs * outputs);
+    let torch_weight =
+        (0..weight.len()).map(|position| weight[position % inputs * outputs + position / inputs]);
+    (torch_weight.collect(), bias)
+}
+
+impl Tensor {
+    fn unexpected(&self, name: &str, expected: String) -> TensorError {
+        TensorError::Unexpected {
+            name: name.to_owned(),
+            dtype: self.dtype,
+            shape: self.shape.clone(),
+            expected,
+        }
+    }
+}
+
+/// SHA-256 over a network's parameters as little-endian f32 in the order `0.weight` [out, in], `0.bias`,
+/// `2.weight`, ….
+pub fn weights_sha256(network: &Mlp<f32>) -> String {
+    sha256((0..network.num_layers()).flat_map(|layer| {
+        let (weight, bias) = torch_layer(network, layer);
+        [f32::to_bytes(&weight), f32::to_bytes(bias)]
+    }))
+}

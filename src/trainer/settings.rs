@@ -1,0 +1,44 @@
+//! What decides a run besides its agent and its environment.
+
+use serde::{Deserialize, Serialize};
+
+/// Settings of a run. Each is a key of the config, see `config::keys`.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)]
+pub struct TrainerConfig {
+    pub seed: u64,
+    /// Steps after which a training episode is truncated. Evaluations have the environment's own limit.
+    pub max_episode_steps: u32,
+    pub budget: Budget,
+    pub evaluation: EvaluationConfig,
+    pub checkpoint: CheckpointConfig,
+    pub stop_when_solved: bool,
+}
+
+/// When a run ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Budget {
+    /// After this many environment steps, at least 1.
+    Steps(u64),
+    /// After this many complete episodes, at least 1.
+    Episodes(u64),
+}
+
+/// The greedy evaluations during training.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// Environment steps between evaluations, at least 1. There is always one at the end.
+    pub every_steps: u64,
+    /// Episodes of an evaluation, 1…100,000, always the same ones.
+    pub episodes: u64,
+}
+
+/// The periodic checkpoints.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// Environment steps between them, at least 1. There is always one at the end.
+    pub every_steps: u64,
+}
