@@ -101,7 +101,20 @@ fn format(arguments: &Arguments) -> Result<Format, Failure> {
 /// The scenes of an episode.
 fn scenes(frames: impl Iterator<Item = Frame>, id: &str) -> Result<Vec<Scene>, Failure> {
     let scenes: Option<Vec<_>> = frames.map(|frame| frame.scene).collect();
-    scenes.ok_or_else(|| {
-        Failure::BadInput(format!("the environment {id} has no picture; `eval --trace` writes its states"))
-    })
+    let problem = || format!("{id} has no picture to draw; `eval --trace` writes the states of an episode");
+    scenes.ok_or_else(|| Failure::BadInput(problem()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_environment_without_a_picture_is_refused() {
+        let frame = Frame { state: vec![0.0], scene: None, action: None, q_values: Vec::new() };
+        let refused = scenes(std::iter::once(frame), "TwoStates");
+        assert!(
+            matches!(refused, Err(Failure::BadInput(message)) if message.contains("TwoStates has no picture"))
+        );
+    }
 }

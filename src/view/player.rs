@@ -135,7 +135,34 @@ mod tests {
     use crate::env::CartPole;
     use crate::env::catalogue::EnvironmentId;
     use crate::trainer::evaluate;
-    use crate::view::tests::policy;
+    use crate::view::tests::{policy, text};
+
+    /// The cart and the pole without their picture.
+    struct Unseen(CartPole);
+
+    impl Environment for Unseen {
+        fn spec(&self) -> &Spec {
+            self.0.spec()
+        }
+
+        fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+            self.0.reset(start, observation)
+        }
+
+        fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+            self.0.step(action, observation)
+        }
+    }
+
+    #[test]
+    fn an_environment_without_a_picture_is_shown_as_numbers() {
+        let player = Player::new(policy().greedy(1), Box::new(Unseen(CartPole::default())), 7).unwrap();
+        let shown = text(40, 8, |frame| player.draw(frame, frame.area(), Block::bordered()));
+        assert!(shown.contains(&format!(" x {:.4}", player.state()[0])), "{shown}");
+        let seen = self::player(policy().greedy(1));
+        let shown = text(40, 8, |frame| seen.draw(frame, frame.area(), Block::bordered()));
+        assert!(!shown.contains(" x ") && shown.contains('⣿'), "{shown}");
+    }
 
     fn player(policy: Greedy) -> Player {
         Player::new(policy, Box::new(CartPole::v1()), 7).unwrap()
