@@ -11,7 +11,7 @@ use tempfile::NamedTempFile;
 const PREFIX: &str = ".writing-";
 const SUFFIX: &str = ".tmp";
 
-/// Writes a file whole: a temporary file in the same folder, fsync, rename, fsync of the folder. A symbolic link's
+/// Writes a file whole: a temporary file in the same directory, fsync, rename, fsync of the directory. A symbolic link's
 /// target is written, and a pipe or a device (`/dev/null`) directly.
 ///
 /// # Errors
@@ -40,7 +40,7 @@ pub fn write_whole_keeping(
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    // A missing folder is told here: the error of the next line names a file that nobody knows.
+    // A missing directory is told here: the error of the next line names a file that nobody knows.
     folder.read_dir()?;
     let mut unfinished = Unfinished::new(folder)?;
     let mut buffer = BufWriter::new(unfinished.file.as_file_mut());
@@ -128,7 +128,7 @@ fn keep(path: &Path, kept: &Path) -> io::Result<()> {
     fs::hard_link(path, kept).or_else(|_| fs::rename(path, kept))
 }
 
-/// Makes a rename in a folder last; Windows does not open folders.
+/// Makes a rename in a directory last; Windows does not open directories.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
@@ -206,10 +206,10 @@ pub fn read_text_limited(path: &Path, max_bytes: u64) -> io::Result<String> {
     text.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }
 
-/// Removes what killed processes have left half-written in a folder. What a process still writes there stays.
+/// Removes what killed processes have left half-written in a directory. What a process still writes there stays.
 ///
 /// # Errors
-/// When the folder cannot be read or a file in it not removed.
+/// When the directory cannot be read or a file in it not removed.
 pub fn remove_unfinished(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -263,7 +263,7 @@ pub fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     }
 }
 
-/// Makes a folder and those above it; returns those that it made, the innermost first. On an error it removes them
+/// Makes a directory and those above it; returns those that it made, the innermost first. On an error it removes them
 /// again.
 ///
 /// # Errors
@@ -285,7 +285,7 @@ pub fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(made)
 }
 
-/// Removes those folders that are empty, the innermost first.
+/// Removes those directories that are empty, the innermost first.
 pub fn remove_empty(folders: &[PathBuf]) {
     folders.iter().for_each(|folder| drop(fs::remove_dir(folder)));
 }

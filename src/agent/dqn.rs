@@ -17,9 +17,9 @@ use crate::tensors::{TensorError, Tensors, weights_sha256};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearnConfig {
-    /// Environment steps between learning steps, at least 1.
+    /// Environment steps between learning steps.
     pub every_steps: u64,
-    /// Minibatches per learning step, at least 1.
+    /// Minibatches per learning step.
     pub updates: u32,
 }
 

@@ -9,23 +9,23 @@ use serde::{Deserialize, Serialize};
 pub enum Exploration {
     /// After every episode ε × `decay`, as long as ε > `final` (the tutorial's rule).
     PerEpisode {
-        /// ε of the first episode, 0…1.
+        /// ε of the first episode.
         initial: f64,
-        /// ε is no longer multiplied once it is at or below this, 0…1.
+        /// ε is no longer multiplied once it is at or below this.
         #[serde(rename = "final")]
         final_: f64,
-        /// Factor per episode, above 0 and at most 1.
+        /// Factor per episode.
         decay: f64,
     },
     /// From `initial` to `final` in a straight line over `steps` environment steps, then `final` (Mnih et al.
     /// 2015).
     Linear {
-        /// ε at step 0, 0…1.
+        /// ε at step 0.
         initial: f64,
-        /// ε from step `steps` on, 0…1.
+        /// ε from step `steps` on.
         #[serde(rename = "final")]
         final_: f64,
-        /// Environment steps from `initial` to `final`, at least 1.
+        /// Environment steps from `initial` to `final`.
         steps: u64,
     },
 }

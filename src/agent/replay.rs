@@ -16,11 +16,11 @@ use crate::tensors::{TensorError, Tensors};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReplayConfig {
-    /// Transitions that the memory holds before it overwrites the oldest, 1…100,000,000.
+    /// Transitions that the memory holds before it overwrites the oldest.
     pub capacity: usize,
-    /// Transitions in a minibatch, 1…65,536 and at most `capacity`.
+    /// Transitions in a minibatch.
     pub batch_size: usize,
-    /// Environment steps before the first update; less than the budget.
+    /// Environment steps before the first update.
     pub warmup_steps: u64,
     /// How a minibatch is used.
     pub update: UpdateMode,
@@ -132,7 +132,7 @@ pub struct ReplayContents {
     pub actions: Vec<u8>,
     /// (n)
     pub rewards: Vec<f32>,
-    /// (n): 0 the episode goes on, 1 it was truncated, 2 it terminated.
+    /// (n): 0 the episode continues, 1 it was truncated, 2 it terminated.
     pub ends: Vec<u8>,
     /// The next observations of those that ended an episode, and of the newest; every other next observation is
     /// the observation of the following transition.

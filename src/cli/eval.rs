@@ -90,7 +90,7 @@ struct Origin {
     /// The latest evaluation in training until then.
     evaluation: Option<Evaluation>,
     weights_sha256: Option<String>,
-    /// The evaluation at the end of the run, if the policy is not that of the end, and the file of that one.
+    /// If the policy is not the last of its run: the evaluation at the end of the run, and the file of the last policy.
     #[serde(skip)]
     end: Option<(Evaluation, PathBuf)>,
 }

@@ -42,7 +42,7 @@ const MAX_MEMORY: u64 = 8 << 30;
 /// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Config {
-    /// Seed of every random stream of the run, 0…2⁶⁴ − 1.
+    /// Seed of every random stream of the run.
     pub seed: u64,
     /// The task.
     pub environment: EnvironmentId,

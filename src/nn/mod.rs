@@ -29,7 +29,7 @@ pub use optimizer::{LearningRateSchedule, OptimizerConfig, clip_norm};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
-    /// Units of each hidden layer, first to last: at most 16 layers of 1…4096 units; `[]` is a linear network.
+    /// Units of each hidden layer, first to last; `[]` is a linear network.
     pub hidden: Vec<usize>,
     /// How the weights start.
     pub init: Init,

@@ -4,21 +4,21 @@ use serde::{Deserialize, Serialize};
 
 use super::AdamConfig;
 
-/// Settings of the optimiser.
+/// Settings of the optimiser; `config::keys` has their ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimizerConfig {
-    /// Adam's step size α, above 0 and at most 1; with a schedule that of the first step.
+    /// Adam's step size α; with a schedule the step size of the first step.
     pub learning_rate: f64,
-    /// Decay of the first moment, 0 ≤ β₁ < 1.
+    /// β₁
     pub beta1: f64,
-    /// Decay of the second moment, 0 ≤ β₂ < 1.
+    /// β₂
     pub beta2: f64,
-    /// Added to the root of the bias-corrected second moment, 1e-30…1.
+    /// ε of Adam.
     pub epsilon: f64,
-    /// Norm to which a longer gradient is shortened, see [`clip_norm`], 1e-30…1e30; null for none.
+    /// See [`clip_norm`].
     pub max_gradient_norm: Option<f64>,
-    /// How the step size changes; null for not at all.
+    /// None: the step size stays.
     pub schedule: Option<LearningRateSchedule>,
 }
 
@@ -27,9 +27,9 @@ pub struct OptimizerConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearningRateSchedule {
-    /// Step size after step `steps`, 0…1.
+    /// Step size from step `steps` on.
     pub final_learning_rate: f64,
-    /// Environment steps from the first to the last, at least 1.
+    /// Environment steps from the start of the run.
     pub steps: u64,
 }
 

@@ -27,10 +27,10 @@ pub fn is_page(start: &[u8]) -> bool {
     start.starts_with(own.as_bytes())
 }
 
-/// The page of a study's folder, or of one or several runs' folders.
+/// The page of a study's directory, or of one or several runs' directories.
 ///
 /// # Errors
-/// When a folder is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
+/// When a directory is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
 pub fn page(folders: &[PathBuf]) -> Result<String, ReportError> {
     let kinds = folders.iter().map(|folder| Kind::of(folder)).collect::<Result<Vec<_>, _>>()?;
     let study = folders.iter().zip(kinds).find(|(_, kind)| matches!(kind, Kind::Study));

@@ -96,7 +96,7 @@ impl Kind {
 }
 
 impl Report {
-    /// The report of a study's or a run's folder.
+    /// The report of a study's or a run's directory.
     ///
     /// # Errors
     /// When it is neither, nothing has been finished in it, or a file in it is damaged.

@@ -68,7 +68,7 @@ enum PageOutline {
 }
 
 impl Portrait {
-    /// The portrait of the policy in a run's folder; none without a checkpoint.
+    /// The portrait of the policy in a run's directory; none without a checkpoint.
     pub(super) fn of(folder: &Path, environment: EnvironmentId) -> Result<Option<Self>, ReportError> {
         let mut found = None;
         for name in [BEST, LAST].map(|name| format!("{CHECKPOINTS}/{name}")) {

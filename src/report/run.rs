@@ -152,7 +152,7 @@ pub(super) fn names(folders: &[PathBuf]) -> Result<Vec<String>, ReportError> {
     (0..parts.len()).map(name).collect()
 }
 
-/// The report of the run in a folder.
+/// The report of the run in a directory.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
     let name = names(&[folder.to_owned()])?.concat();
     let Run { name, task, history, report, .. } = Run::read(folder, name)?;

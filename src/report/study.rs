@@ -62,7 +62,7 @@ impl Study {
     }
 }
 
-/// The report of the study in a folder.
+/// The report of the study in a directory.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
     let Study { trials, report, .. } = Study::read(folder)?;
     let runs = trials.iter().flatten();

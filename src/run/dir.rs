@@ -1,4 +1,4 @@
-//! The folder of one run.
+//! The directory of one run.
 
 use std::fs::{self, DirEntry, File, TryLockError};
 use std::io;
@@ -18,7 +18,7 @@ use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::text::shown;
 use crate::trainer::{Evaluation, Summary};
 
-/// A run's folder and the paths in it.
+/// A run's directory and the paths in it.
 #[derive(Clone, Debug)]
 pub struct RunDir {
     path: PathBuf,
@@ -28,9 +28,9 @@ impl RunDir {
     /// What `train` makes in the directory of every run.
     pub const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
 
-    /// Makes the folder of a new run, with its config and the file for its metrics; nothing of it stays on an error.
-    /// A folder with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
-    /// then removed. Nothing is changed before the metrics are locked: another process may train in the folder.
+    /// Makes the directory of a new run, with its config and the file for its metrics; nothing of it stays on an error.
+    /// A directory with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
+    /// then removed. Nothing is changed before the metrics are locked: another process may train in the directory.
     /// `init` is the file of the weights that the run starts with, where they are not drawn.
     pub fn create(
         path: &Path,
@@ -65,7 +65,7 @@ impl RunDir {
         Ok((run, metrics))
     }
 
-    /// The files of the run in the folder that a new one replaces; none where the folder is free or missing.
+    /// The files of the run in the directory that a new one replaces; none where the directory is free or missing.
     fn replaced(&self, force: bool) -> Result<Vec<PathBuf>, RunError> {
         let path = &self.path;
         let entries = match fs::read_dir(path) {
@@ -111,7 +111,7 @@ impl RunDir {
         }
     }
 
-    /// The folder of a run that is there, and the config in it.
+    /// The directory of a run that is there, and the config in it.
     pub fn open(path: &Path) -> Result<(Self, Config), RunError> {
         let run = Self { path: path.to_owned() };
         let config = run.read_config()?;
@@ -138,7 +138,7 @@ impl RunDir {
         Ok((run, config))
     }
 
-    /// The run's metrics; as long as they are there, the folder belongs to this process.
+    /// The run's metrics; as long as they are there, the directory belongs to this process.
     pub fn take(&self) -> Result<JsonLines, RunError> {
         JsonLines::open(&self.metrics()).map_err(|error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(&self.path),
@@ -156,7 +156,7 @@ impl RunDir {
         }
     }
 
-    /// The config of the run in the folder.
+    /// The config of the run in the directory.
     pub fn read_config(&self) -> Result<Config, RunError> {
         if !self.path.is_dir() {
             return Err(bad(
@@ -178,7 +178,7 @@ impl RunDir {
         init: Option<&Checkpoint>,
     ) -> io::Result<()> {
         if !replaced.is_empty() {
-            // Before the first file is gone: the checkpoints may be writable where the run's folder is not.
+            // Before the first file is gone: the checkpoints may be writable where the run's directory is not.
             tempfile::tempfile_in(&self.path)?;
         }
         // The old config stays until the new one takes its place: a run that is half replaced can still be replaced.
@@ -313,7 +313,7 @@ fn is_ordinary(path: &Path) -> bool {
     path.symlink_metadata().is_ok_and(|found| found.is_file())
 }
 
-/// The checkpoint that a user means: the file itself, or of a run's folder the best, else the last.
+/// The checkpoint that a user means: the file itself, or of a run's directory the best, else the last.
 pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
     if !path.is_dir() {
         return Ok(path.to_owned());

@@ -24,7 +24,7 @@ pub struct JsonLines {
 }
 
 impl JsonLines {
-    /// Opens the file that is there; [`Self::cut`] says where it goes on.
+    /// Opens the file that is there; [`Self::cut`] says where the next event is written.
     ///
     /// # Errors
     /// When that fails; [`io::ErrorKind::WouldBlock`] when another process has the file.

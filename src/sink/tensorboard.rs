@@ -32,7 +32,7 @@ pub struct TensorBoard {
 }
 
 impl TensorBoard {
-    /// Creates a new file in a folder, which is made if it is missing, for a run that goes on after `env_steps` steps.
+    /// Creates a new file in a directory, which is made if it is missing, for a run that continues after `env_steps` steps.
     ///
     /// # Errors
     /// When that fails.

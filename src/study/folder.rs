@@ -1,4 +1,4 @@
-//! The folder of a study: `study.json`, and `trials/<index of the config>/<seed>.json`.
+//! The directory of a study: `study.json`, and `trials/<index of the config>/<seed>.json`.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -22,10 +22,10 @@ const MAX_FILE_SIZE: u64 = 1 << 26;
 /// Why a study cannot be run.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
-    /// The folder cannot be used.
+    /// The directory cannot be used.
     #[error("directory {} {problem}", shown(path))]
     Folder {
-        /// The folder.
+        /// The directory.
         path: PathBuf,
         /// Why.
         problem: String,
@@ -41,10 +41,10 @@ pub enum StudyError {
         /// Why.
         problem: String,
     },
-    /// The folder cannot be written.
+    /// The directory cannot be written.
     #[error("cannot write {}: {source}; choose another --out", shown(path))]
     Unwritable {
-        /// The folder.
+        /// The directory.
         path: PathBuf,
         /// Why.
         source: io::Error,
@@ -59,7 +59,7 @@ pub enum StudyError {
     },
 }
 
-/// The file of a trial, given as (index of its config, seed), in the folder of its study.
+/// The file of a trial, given as (index of its config, seed), in the directory of its study.
 pub fn trial_path(folder: &Path, (config, seed): (usize, u64)) -> PathBuf {
     folder.join(TRIALS).join(config.to_string()).join(format!("{seed}.json"))
 }
@@ -67,7 +67,7 @@ pub fn trial_path(folder: &Path, (config, seed): (usize, u64)) -> PathBuf {
 /// The seeds with which a config, given by its index, has been trained, in order.
 ///
 /// # Errors
-/// When the folder cannot be read.
+/// When the directory cannot be read.
 pub fn finished_seeds(folder: &Path, config: usize) -> io::Result<Vec<u64>> {
     let entries = match fs::read_dir(folder.join(TRIALS).join(config.to_string())) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -83,7 +83,7 @@ pub fn finished_seeds(folder: &Path, config: usize) -> io::Result<Vec<u64>> {
     Ok(seeds)
 }
 
-/// The folder of a study that this process runs.
+/// The directory of a study that this process runs.
 #[derive(Debug)]
 pub struct StudyDir {
     path: PathBuf,
@@ -92,10 +92,10 @@ pub struct StudyDir {
 }
 
 impl StudyDir {
-    /// Makes the folder of a new study, or opens that of the same one, which may have had fewer seeds.
+    /// Makes the directory of a new study, or opens the directory of the same study, which may have had fewer seeds.
     ///
     /// # Errors
-    /// When there is something else in the folder, another study included, or it cannot be written.
+    /// When there is something else in the directory, another study included, or it cannot be written.
     pub fn open(path: &Path, study: &Study) -> Result<Self, StudyError> {
         let bad = |problem| StudyError::Folder { path: path.into(), problem };
         let unwritable = |source: io::Error| StudyError::Unwritable { path: path.into(), source };
@@ -124,7 +124,7 @@ impl StudyDir {
         Ok(study_dir)
     }
 
-    /// Makes the folders of the trials and removes what a killed process has left half-written.
+    /// Makes the directories of the trials and removes what a killed process has left half-written.
     fn prepare(&self, configs: usize) -> io::Result<()> {
         let folders = (0..configs).map(|config| self.path.join(TRIALS).join(config.to_string()));
         for folder in folders.chain([self.path.clone()]) {
@@ -174,7 +174,7 @@ pub fn read_trial(path: &Path, config: &str, seed: u64) -> Result<Trial, StudyEr
     Ok(trial)
 }
 
-/// Whether a new study can take the folder; an error if neither that nor a study is in it.
+/// Whether a new study can take the directory; an error if neither that nor a study is in it.
 fn is_free(path: &Path) -> Result<bool, String> {
     let entries = match fs::read_dir(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
@@ -207,7 +207,7 @@ fn lock(manifest: &Path) -> Result<(File, String), String> {
     Ok((file, text))
 }
 
-/// Whether a study is that of the manifest `found` with more seeds; an error if it is another study.
+/// Whether a study is the one of the manifest `found` with more seeds; an error if it is another study.
 fn more_seeds(found: &Value, study: &Study) -> Result<bool, String> {
     let mut given = json!(study);
     let bound = |name: &str| found["seeds"][name].as_u64();

@@ -43,7 +43,7 @@ pub struct Study {
 pub struct NamedConfig {
     /// How reports call it.
     pub name: String,
-    /// The config; its seed is 0 and replaced by that of the trial.
+    /// The config; its seed is 0, and each trial puts its own there.
     pub config: Config,
     /// What is known of its task: a report needs the thresholds, and starts no environment.
     pub task: Spec,

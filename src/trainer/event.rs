@@ -76,7 +76,7 @@ pub enum EndReason {
     Budget,
     /// An evaluation solved the task, and `stop_when_solved` is set.
     Solved,
-    /// Somebody stopped the run, which can go on from its checkpoint: in no event and in no file.
+    /// Somebody stopped the run, which can be resumed from its checkpoint. No event and no file says so.
     #[serde(skip)]
     Interrupted,
 }

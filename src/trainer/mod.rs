@@ -72,7 +72,7 @@ pub enum ResumeError {
     NotDeterministic,
 }
 
-/// What a checkpoint holds. In that of the best policy there is no progress.
+/// What a checkpoint holds. The checkpoint of the best policy has no progress.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     /// Environment steps of the run so far; for the best policy those before it.

@@ -142,7 +142,7 @@ pub struct Summary {
     pub updates: u64,
     /// Why it ended.
     pub end_reason: EndReason,
-    /// The best evaluation, the latest of equals: that of `best.safetensors`.
+    /// The best evaluation, the latest of equals. `best.safetensors` holds its policy.
     pub best_evaluation: Option<Evaluation>,
     /// The evaluation at the end.
     pub final_evaluation: Option<Evaluation>,

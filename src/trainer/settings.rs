@@ -19,9 +19,9 @@ pub struct TrainerConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Budget {
-    /// After this many environment steps, at least 1.
+    /// After this many environment steps.
     Steps(u64),
-    /// After this many complete episodes, at least 1.
+    /// After this many complete episodes.
     Episodes(u64),
 }
 
@@ -29,9 +29,9 @@ pub enum Budget {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {
-    /// Environment steps between evaluations, at least 1. There is always one at the end.
+    /// Environment steps between evaluations. There is always one at the end.
     pub every_steps: u64,
-    /// Episodes of an evaluation, 1…100,000, always the same ones.
+    /// Episodes of an evaluation, always the same ones.
     pub episodes: u64,
 }
 
@@ -39,6 +39,6 @@ pub struct EvaluationConfig {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CheckpointConfig {
-    /// Environment steps between them, at least 1. There is always one at the end.
+    /// Environment steps between them. There is always one at the end.
     pub every_steps: u64,
 }

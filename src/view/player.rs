@@ -76,7 +76,7 @@ impl Player {
         Ok(())
     }
 
-    /// Lets another policy go on.
+    /// Lets another policy play from here.
     pub(super) fn set_policy(&mut self, policy: Greedy) {
         self.policy = policy;
         self.see();

@@ -1,0 +1,66 @@
+"""Trains configs/cartpole.json over many seeds and writes what came of it into default.md and default/.
+
+    cargo build --release && python3 docs/results/default.py [--study DIR] [--seeds N]
+"""
+
+import argparse
+import csv
+import json
+import pathlib
+import re
+import shutil
+import subprocess
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+PROGRAM = ROOT / "target/release/cartpole-dqn"
+
+arguments = argparse.ArgumentParser()
+arguments.add_argument("--study", type=pathlib.Path, default=ROOT / "studies/default")
+arguments.add_argument("--seeds", type=int, default=1000)
+arguments = arguments.parse_args()
+study = arguments.study
+
+run = lambda *words: subprocess.run([PROGRAM, *map(str, words)], check=True)
+run("study", "--config", ROOT / "configs/cartpole.json", "--seeds", f"0..{arguments.seeds}", "--endurance",
+    "--out", study, "--quiet")
+run("report", study)
+
+trials = [json.loads(path.read_text()) for path in (study / "trials/0").glob("*.json")]
+trials.sort(key=lambda trial: trial["seed"])
+with open(HERE / "default/seeds.csv", "w", newline="") as file:
+    rows = csv.writer(file, lineterminator="\n")
+    rows.writerow(["seed", "best_mean", "best_env_steps", "final_mean", "best_endured", "final_endured",
+                   "solved_at_step", "weights_sha256"])
+    for trial in trials:
+        best, final, summary = trial["best"], trial["final"], trial["summary"]
+        rows.writerow([trial["seed"], best["mean"], best["env_steps"], final["mean"], best["endured"],
+                       final["endured"], summary["solved_at_step"], summary["weights_sha256"]])
+for name in ["report.json", "study.json", "learning_curves.svg", "performance_profile.svg", "steps_to_solve.svg"]:
+    shutil.copy(study / name, HERE / "default" / name)
+
+config = json.loads((study / "report.json").read_text())["configs"][0]
+solve, endurance, count = config["steps_to_solve"], config["endurance"], config["seeds"]
+share = lambda estimate: "{:.1f} % [{:.1f}, {:.1f}]".format(*(100 * estimate[k] for k in ["value", "low", "high"]))
+number = lambda estimate: "{value:.1f} [{low:.1f}, {high:.1f}]".format(**estimate)
+lowest = min(trial["best"]["mean"] for trial in trials)
+failing = [
+    f"seed {trial['seed']} (best {trial['best']['mean']:.1f}, final {trial['final']['mean']:.1f})"
+    for trial in trials
+    if min(trial["best"]["mean"], trial["final"]["mean"]) < 475
+]
+table = f"""| | measured |
+| --- | --- |
+| best checkpoint ≥ 475 | {config['best_solved']:,} of {count:,} ({share(config['best_solved_share'])}); the lowest {lowest:.1f} |
+| final policy ≥ 475 | {config['final_solved']:,} of {count:,} ({share(config['final_solved_share'])}) |
+| final IQM | {number(config['final_iqm'])} |
+| final mean | {number(config['final_mean'])} |
+| steps to the first solving evaluation: 10 %, 50 %, 90 % of seeds | {solve['q10']:,}, {solve['q50']:,}, {solve['q90']:,}; never on {solve['never']} |
+| best checkpoint lasts | {endurance['best']:,} of {count:,} ({share(endurance['best_share'])}) |
+| final policy lasts | {endurance['final']:,} of {count:,} ({share(endurance['final_share'])}) |
+
+Seeds that do not solve the task: {"; ".join(failing) or "none"}.
+"""
+page = HERE / "default.md"
+between = r"(<!-- measured -->\n).*?(<!-- end -->)"
+page.write_text(re.sub(between, lambda match: match[1] + table + match[2], page.read_text(), flags=re.S))
