@@ -31,10 +31,21 @@ pub fn svg(scenes: &[Scene], frames_per_second: f64, title: &str) -> String {
     let mut text = start() + title + "</title>\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n";
     // Neighbours that move together share one animation.
     for group in motions(scenes).chunk_by(|a, b| a.at == b.at) {
-        let at = group[0].at.iter().map(|&(x, y)| format!("{} {}", short(x), short(f64::from(HEIGHT) - y)));
-        text += &animation.wrapped("translate", &at.collect::<Vec<_>>(), &shapes(group, &animation));
+        text += &moved(&group[0].at, &animation, &shapes(group, &animation));
     }
     text + "</svg>\n"
+}
+
+/// Elements at their first place, and moved from there: differences take fewer digits than places.
+fn moved(at: &[(f64, f64)], animation: &Animation, elements: &str) -> String {
+    let &[first, ..] = at else { return String::new() };
+    let difference = |&(x, y): &(f64, f64)| {
+        let (x, y) = (short(x - first.0), short(first.1 - y));
+        if y == "0" { x } else { format!("{x} {y}") }
+    };
+    let differences: Vec<_> = at.iter().map(difference).collect();
+    let place = format!("{} {}", short(first.0), short(f64::from(HEIGHT) - first.1));
+    animation.wrapped("translate", &[place], &animation.wrapped("translate", &differences, elements))
 }
 
 /// The shapes of a group around the group's place.
@@ -42,9 +53,7 @@ fn shapes(group: &[Motion<'_>], animation: &Animation) -> String {
     let turned = |motion: &Motion<'_>| {
         // Angles of SVG are clockwise.
         let angles: Vec<_> = motion.angle.iter().map(|angle| short(-angle.to_degrees())).collect();
-        let element = element(motion.shape);
-        let is_upright = angles.iter().all(|angle| angle == "0");
-        if is_upright { element } else { animation.wrapped("rotate", &angles, &element) }
+        animation.wrapped("rotate", &angles, &element(motion.shape))
     };
     group.iter().map(turned).collect()
 }
@@ -56,9 +65,12 @@ struct Animation {
 }
 
 impl Animation {
-    /// Elements in a group with a transform, which is animated unless it stays the same.
+    /// Elements in a group with a transform, which is animated unless it stays the same, and left out if it does nothing.
     fn wrapped(&self, kind: &str, values: &[String], elements: &str) -> String {
         let first = values.first().map_or("0", String::as_str);
+        if values.iter().all(|value| value == "0") {
+            return elements.into();
+        }
         let mut text = format!("<g transform=\"{kind}({first})\">\n");
         if values.iter().any(|value| value != first) {
             let held = values.last().into_iter().cycle().take(self.held);
