@@ -12,6 +12,8 @@ for program in tmux bash zsh fish; do
 done
 mux() { tmux -u -L "cartpole-dqn-$$" -f /dev/null "$@"; }
 trap 'mux kill-server 2>/dev/null || true; rm -rf "$tmp"' EXIT
+# Without a session the server ends, and a session that is made at that moment would fail.
+mux new-session -d -s keeper
 
 ln -s "$binary" "$tmp/cartpole-dqn"
 mkdir -p "$tmp/work/runs/first" "$tmp/work/my configs"
