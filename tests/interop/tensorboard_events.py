@@ -34,9 +34,9 @@ TAGS = {
     "diagnostics/action_gap": ("statistics", "action_gap"),
     "diagnostics/doomed_max_q": ("statistics", "doomed_max_q"),
     "diagnostics/gradient_norm": ("statistics", "gradient_norm"),
-    "diagnostics/td_error_q10": ("statistics", ("td_error_quantiles", 0)),
-    "diagnostics/td_error_q50": ("statistics", ("td_error_quantiles", 1)),
-    "diagnostics/td_error_q90": ("statistics", ("td_error_quantiles", 2)),
+    "diagnostics/td_error_q10": ("statistics", "td_error_q10"),
+    "diagnostics/td_error_q50": ("statistics", "td_error_q50"),
+    "diagnostics/td_error_q90": ("statistics", "td_error_q90"),
     "diagnostics/dead_relu_share": ("statistics", "dead_relu_share"),
 }
 
@@ -47,8 +47,6 @@ def require(condition, message):
 
 
 def field(event, name):
-    if isinstance(name, tuple):
-        return event[name[0]][name[1]]
     return event[name]
 
 
