@@ -300,8 +300,7 @@ impl Config {
     /// # Errors
     /// When that environment cannot be made.
     pub fn make_trainer_in(&self, make: Arc<Make>) -> Result<Trainer, EnvironmentError> {
-        let spec = make(self.max_episode_steps)?.spec().clone();
-        Trainer::new(self.trainer(), self.make_agent(&spec), make)
+        Trainer::new(self.trainer(), |spec| self.make_agent(spec), make)
     }
 
     /// What the trainer needs to know.

@@ -132,7 +132,7 @@ pub fn resume(path: &Path, sets: &[String]) -> Result<Resumed, RunError> {
             ),
         ));
     }
-    let branches = steps > 0 && schedules(&config) != schedules(&recorded);
+    let branches = trainer.progress().branched_at_step == Some(steps);
     if let (Some(reason), true) = (trainer.end_reason(), dir.summary().is_file()) {
         return match branches {
             true => Err(bad(
@@ -162,7 +162,6 @@ pub fn resume(path: &Path, sets: &[String]) -> Result<Resumed, RunError> {
     }
     let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics)?;
     if branches {
-        trainer.branch();
         notes.push(format!(
             "from step {steps} on the run follows another schedule. It is now a branch of its own: no single config \
              repeats it, so `verify` refuses it"
@@ -297,7 +296,9 @@ fn latest(run: &RunDir, config: &Config, notes: &mut Vec<String>) -> Result<(Tra
     }
 }
 
-/// The run that a checkpoint was taken of, with another budget and other schedules if the config has others.
+/// The run that a checkpoint was taken of, with another budget and other schedules if the config has others. With other
+/// schedules it is a branch from here on. The checkpoint says which schedules it was trained with: the run's config may already
+/// be that of a process that was killed before it could write a checkpoint of the branch.
 ///
 /// # Errors
 /// When the checkpoint cannot be read, or does not hold the state of such a run.
@@ -311,7 +312,11 @@ pub fn load(path: &Path, config: &Config) -> Result<Trainer, CheckpointError> {
         }
         config.check_memory(1).map_err(CheckpointProblem::Memory)?;
         let trainer = config.make_trainer().map_err(ResumeError::from)?;
-        Ok(trainer.resume(progress, &checkpoint.tensors)?)
+        let mut trainer = trainer.resume(progress, &checkpoint.tensors)?;
+        if trainer.progress().env_steps > 0 && schedules(config) != schedules(&header.config) {
+            trainer.branch();
+        }
+        Ok(trainer)
     };
     load().map_err(|problem| CheckpointError { path: path.to_owned(), problem })
 }

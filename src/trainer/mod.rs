@@ -103,18 +103,20 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// A run before its first step.
+    /// A run before its first step, with the agent that `make_agent` makes for the task.
     ///
     /// # Errors
     /// When the environment cannot be made or reset.
     pub fn new(
         config: TrainerConfig,
-        agent: Box<dyn Agent>,
+        make_agent: impl FnOnce(&Spec) -> Box<dyn Agent>,
         make: Arc<Make>,
     ) -> Result<Self, EnvironmentError> {
         let environment = make(config.max_episode_steps)?;
+        let spec = environment.spec().clone();
+        let agent = make_agent(&spec);
         Ok(Self {
-            spec: environment.spec().clone(),
+            spec,
             episode: Episode::first(environment, config.seed)?,
             config,
             make,

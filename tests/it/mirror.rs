@@ -2,9 +2,11 @@
 
 use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition};
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::{CartPole, Environment, Start};
+use cartpole_dqn::env::{CartPole, Environment};
 use cartpole_dqn::mirror::Mirror;
 use cartpole_dqn::rng::Rng;
+
+use super::tasks::random_steps;
 
 /// The image of an observation, written out.
 fn image(mirror: &Mirror, observation: &[f32]) -> Vec<f32> {
@@ -84,13 +86,8 @@ fn experienced(sets: &[&str], reflected: bool) -> Dqn {
     let small = ["network.hidden=[6]", "replay.batch_size=1", "replay.warmup_steps=8", "n_step=3"];
     let sets: Vec<String> = small.iter().chain(sets).map(ToString::to_string).collect();
     let mut agent = Dqn::new(Config::from_layers(None, &sets).unwrap().dqn, 4, 2, mirror.as_ref(), 3);
-    let (mut environment, mut rng) = (CartPole::v1(), Rng::from_seed(4));
-    let (mut observation, mut next_observation) = ([0.0_f32; 4], [0.0_f32; 4]);
-    environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
-    for _ in 0..60 {
-        let action = rng.below(2) as usize;
-        let outcome = environment.step(action, &mut next_observation).unwrap();
-        let sign = if reflected { -1.0 } else { 1.0 };
+    let sign = if reflected { -1.0 } else { 1.0 };
+    random_steps(60, |observation, action, next_observation, outcome| {
         agent.observe(Transition {
             observation: &observation.map(|value| sign * value),
             action: if reflected { 1 - action } else { action },
@@ -99,11 +96,7 @@ fn experienced(sets: &[&str], reflected: bool) -> Dqn {
             terminated: outcome.terminated,
             truncated: outcome.truncated,
         });
-        observation = next_observation;
-        if outcome.ended() {
-            environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
-        }
-    }
+    });
     agent
 }
 

@@ -165,6 +165,23 @@ fn an_extended_run_with_another_schedule_is_a_branch_and_verify_says_so() {
     sandbox.run(&["train", "--quiet", "--resume", "run", "--set", "budget.steps=350"]).success();
 }
 
+/// A process that was killed just after it had resumed a run with another schedule leaves the new config and the old checkpoint.
+#[test]
+fn a_branch_whose_process_was_killed_at_once_is_still_a_branch() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--set", "optimizer.schedule.steps=200"]).success();
+    fs::remove_file(sandbox.path("run/summary.json")).unwrap();
+    let mut config = sandbox.json("run/config.json");
+    config["budget"]["steps"] = json!(300);
+    config["optimizer"]["schedule"]["steps"] = json!(400);
+    sandbox.write("run/config.json", config.to_string());
+    sandbox.refuses(&["verify", "run"], &["cannot be verified", "from step 200 on"]);
+    let noted = predicate::str::contains("a branch of its own");
+    sandbox.run(&["train", "--quiet", "--resume", "run"]).success().stderr(noted);
+    assert_eq!(sandbox.json("run/summary.json")["branched_at_step"], 200);
+    sandbox.refuses(&["verify", "run"], &["cannot be verified", "from step 200 on"]);
+}
+
 #[test]
 fn a_folder_that_a_killed_process_left_before_it_was_a_run_is_free() {
     let sandbox = Sandbox::new();

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use cartpole_dqn::agent::Dqn;
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::catalogue::EnvironmentId;
-use cartpole_dqn::env::{Environment, EnvironmentError, Make, Outcome, Spec, Start, TimeLimit};
+use cartpole_dqn::env::{CartPole, Environment, EnvironmentError, Make, Outcome, Spec, Start, TimeLimit};
+use cartpole_dqn::rng::Rng;
 use cartpole_dqn::run::{Checkpoint, CheckpointProblem, Header};
 use cartpole_dqn::trainer::Trainer;
 
@@ -17,6 +18,22 @@ pub fn dqn(trainer: &Trainer) -> &Dqn {
 /// CartPole under a time limit, to evaluate in.
 pub fn cartpole(max_steps: u32) -> Result<Box<dyn Environment>, EnvironmentError> {
     EnvironmentId::CartPoleV1.make(max_steps)
+}
+
+/// Shows what so many random steps of CartPole bring.
+pub fn random_steps(steps: usize, mut take: impl FnMut([f32; 4], usize, [f32; 4], Outcome)) {
+    let (mut environment, mut rng) = (CartPole::v1(), Rng::from_seed(4));
+    let (mut observation, mut next_observation) = ([0.0; 4], [0.0; 4]);
+    environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
+    for _ in 0..steps {
+        let action = rng.below(2) as usize;
+        let outcome = environment.step(action, &mut next_observation).unwrap();
+        take(observation, action, next_observation, outcome);
+        observation = next_observation;
+        if outcome.ended() {
+            environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
+        }
+    }
 }
 
 /// A checkpoint of a run with this config, as a file has it.

@@ -6,15 +6,14 @@ use cartpole_dqn::agent::{
     Actor, Agent, Counters, Dqn, Minibatch, NamedNumbers, NotFinite, Played, Policy, Probes, Transition,
 };
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::{CartPole, Environment, EnvironmentError, Start};
-use cartpole_dqn::rng::Rng;
+use cartpole_dqn::env::{CartPole, EnvironmentError};
 use cartpole_dqn::tensors::weights_sha256;
 use cartpole_dqn::trainer::{
     CheckpointKind, DueCheckpoint, EndReason, Event, Observer, Score, Snapshot, TrainError, Trainer,
     evaluate, play,
 };
 
-use super::tasks::{TwoStates, bytes_of, cartpole, dqn, resumed};
+use super::tasks::{TwoStates, bytes_of, cartpole, dqn, random_steps, resumed};
 
 /// A run that nobody stops.
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -163,13 +162,7 @@ fn the_tutorials_schedules_are_followed() {
 fn experienced(sets: &[&str]) -> Dqn {
     let small = ["network.hidden=[6]", "replay.batch_size=8", "replay.warmup_steps=8"];
     let mut agent = Dqn::new(config(&[&small, sets].concat()).dqn, 4, 2, None, 3);
-    let mut environment = CartPole::v1();
-    let mut rng = Rng::from_seed(4);
-    let (mut observation, mut next_observation) = ([0.0; 4], [0.0; 4]);
-    environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
-    for _ in 0..40 {
-        let action = rng.below(2) as usize;
-        let outcome = environment.step(action, &mut next_observation).unwrap();
+    random_steps(40, |observation, action, next_observation, outcome| {
         agent.observe(Transition {
             observation: &observation,
             action,
@@ -178,11 +171,7 @@ fn experienced(sets: &[&str]) -> Dqn {
             terminated: outcome.terminated,
             truncated: outcome.truncated,
         });
-        observation = next_observation;
-        if outcome.ended() {
-            environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
-        }
-    }
+    });
     agent
 }
 
@@ -679,7 +668,7 @@ fn an_agent_acts_observes_learns_and_ends_its_episode_before_it_is_evaluated() {
     let config = config(&[&SMALL[..], &["evaluation.every_steps=10", "budget.steps=51"]].concat());
     let calls = std::sync::Arc::default();
     let agent = Recording(std::sync::Arc::clone(&calls), Dqn::new(config.dqn.clone(), 2, 3, None, 0));
-    let mut trainer = Trainer::new(config.trainer(), Box::new(agent), TwoStates::make()).unwrap();
+    let mut trainer = Trainer::new(config.trainer(), |_| Box::new(agent), TwoStates::make()).unwrap();
     (0..11).for_each(|_| trainer.step(&mut Vec::<Event>::new()).unwrap());
     let step = ["act", "observe", "learn"];
     let mut expected = step.repeat(10);
