@@ -1,6 +1,8 @@
 //! The cart and the pole: Barto, Sutton and Anderson (1983), "Neuronlike adaptive elements that can solve
 //! difficult learning control problems", in the form of Gymnasium's `CartPole-v1`.
 
+use std::sync::LazyLock;
+
 use super::scene::{Bounds, Color, Outline, Scene, Shape};
 use super::{Environment, EnvironmentError, Outcome, Spec, Start, TimeLimit};
 use crate::mirror::Mirror;
@@ -15,10 +17,24 @@ const FORCE: f64 = 10.0; // N
 const TIME_STEP: f64 = 0.02; // s
 const START_RANGE: f64 = 0.05; // every coordinate starts uniformly in ± this
 
+/// Made once: an evaluation makes an environment for each of its episodes.
+static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
+    id: "CartPole-v1".into(),
+    observation_size: 4,
+    num_actions: 2,
+    max_steps: CartPole::MAX_STEPS,
+    solved_return: Some(475.0),
+    return_range: (0.0, f64::from(CartPole::MAX_STEPS)),
+    steps_per_second: f64::from(CartPole::STEPS_PER_SECOND),
+    actions: ["left", "right"].map(String::from).into(),
+    observations: ["x", "ẋ", "θ", "θ̇"].map(String::from).into(),
+    // Left and right exchanged: (−s, the other action) leads to −s′.
+    mirror: Some(Mirror { observation: (0..4).map(|i| (i, -1.0)).collect(), actions: vec![1, 0] }),
+});
+
 /// The physics without a time limit. Action 0 pushes the cart to the left, 1 to the right.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CartPole {
-    spec: Spec,
     /// Position x in m, velocity in m/s, pole angle θ in rad (0 upright, positive to the right), angular
     /// velocity in rad/s.
     state: [f64; 4],
@@ -38,20 +54,7 @@ impl CartPole {
 
     /// A cart at the given x, ẋ, θ, θ̇.
     pub fn at(state: [f64; 4]) -> Self {
-        let spec = Spec {
-            id: "CartPole-v1".into(),
-            observation_size: 4,
-            num_actions: 2,
-            max_steps: Self::MAX_STEPS,
-            solved_return: Some(475.0),
-            return_range: (0.0, f64::from(Self::MAX_STEPS)),
-            steps_per_second: f64::from(Self::STEPS_PER_SECOND),
-            actions: ["left", "right"].map(String::from).into(),
-            observations: ["x", "ẋ", "θ", "θ̇"].map(String::from).into(),
-            // Left and right exchanged: (−s, the other action) leads to −s′.
-            mirror: Some(Mirror { observation: (0..4).map(|i| (i, -1.0)).collect(), actions: vec![1, 0] }),
-        };
-        Self { spec, state }
+        Self { state }
     }
 
     /// CartPole-v1: the physics under its limit of 500 steps.
@@ -60,48 +63,43 @@ impl CartPole {
     }
 
     /// One explicit Euler step of the equations of motion (Florian 2007, eqs. 23 and 24, frictionless).
-    fn integrate(&mut self, force: f64) {
-        let [x, x_dot, theta, theta_dot] = self.state;
+    fn integrate([x, x_dot, theta, theta_dot]: [f64; 4], force: f64) -> [f64; 4] {
         let (sin, cos) = (libm::sin(theta), libm::cos(theta));
         let temp = (force + POLE_MASS_LENGTH * (theta_dot * theta_dot) * sin) / TOTAL_MASS;
         let theta_acc =
             (GRAVITY * sin - cos * temp) / (HALF_LENGTH * (4.0 / 3.0 - POLE_MASS * (cos * cos) / TOTAL_MASS));
         let x_acc = temp - POLE_MASS_LENGTH * theta_acc * cos / TOTAL_MASS;
-        self.state = [
+        [
             x + TIME_STEP * x_dot,
             x_dot + TIME_STEP * x_acc,
             theta + TIME_STEP * theta_dot,
             theta_dot + TIME_STEP * theta_acc,
-        ];
+        ]
     }
 
-    fn observe(&self, observation: &mut [f32]) {
-        observation.copy_from_slice(&self.state.map(|coordinate| coordinate as f32));
-    }
-}
-
-impl Default for CartPole {
-    fn default() -> Self {
-        Self::at([0.0; 4])
+    /// Moves to a state and writes what the agent sees there.
+    fn enter(&mut self, state: [f64; 4], observation: &mut [f32]) {
+        self.state = state;
+        observation.copy_from_slice(&state.map(|coordinate| coordinate as f32));
     }
 }
 
 impl Environment for CartPole {
     fn spec(&self) -> &Spec {
-        &self.spec
+        &SPEC
     }
 
     fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
-        self.state = start.draw(|rng| std::array::from_fn(|_| rng.uniform(-START_RANGE, START_RANGE)));
-        self.observe(observation);
+        let state = start.draw(|rng| std::array::from_fn(|_| rng.uniform(-START_RANGE, START_RANGE)));
+        self.enter(state, observation);
         Ok(())
     }
 
     fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
-        debug_assert!(action < self.spec.num_actions);
-        self.integrate(if action == 1 { FORCE } else { -FORCE });
-        self.observe(observation);
-        let [x, _, theta, _] = self.state;
+        debug_assert!(action < SPEC.num_actions);
+        let state = Self::integrate(self.state, if action == 1 { FORCE } else { -FORCE });
+        self.enter(state, observation);
+        let [x, _, theta, _] = state;
         let terminated = x.abs() > Self::MAX_POSITION || theta.abs() > Self::MAX_ANGLE;
         Ok(Outcome { reward: 1.0, terminated, truncated: false })
     }

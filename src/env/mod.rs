@@ -92,14 +92,17 @@ impl Outcome {
     }
 }
 
-/// An environment has failed. CartPole cannot; another program can.
+/// An environment has failed, and why. CartPole cannot fail; another program can. The text is boxed, so that the result of a
+/// step stays as small as its outcome.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the environment {id}: {problem}")]
-pub struct EnvironmentError {
-    /// Name of the environment.
-    pub id: String,
-    /// What went wrong.
-    pub problem: String,
+#[error("the environment {}: {}", .0.0, .0.1)]
+pub struct EnvironmentError(Box<(String, String)>);
+
+impl EnvironmentError {
+    /// The environment of this name has failed for this reason.
+    pub fn new(id: &str, problem: &str) -> Self {
+        Self(Box::new((id.to_owned(), problem.to_owned())))
+    }
 }
 
 /// A Markov decision process with a finite set of actions, numbered from 0. It must be deterministic: the same start and the

@@ -57,6 +57,7 @@ fn lockstep(
     }
     let mut played = vec![Played::default(); playing.len()];
     let mut greedy = policy.greedy(playing.len());
+    let scored_steps = playing.first().map_or(0, |first| u64::from(first.environment.spec().max_steps));
     let mut discount = 1.0;
     let mut failed = None;
     while !playing.is_empty() {
@@ -80,7 +81,7 @@ fn lockstep(
                     return false;
                 }
             };
-            if played.steps < u64::from(environment.spec().max_steps) {
+            if played.steps < scored_steps {
                 played.total += outcome.reward;
             }
             played.discounted += discount * outcome.reward;
