@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::statistics::{Inside, TRANSITIONS};
 use super::{
-    Agent, Counters, Exploration, Minibatch, NamedNumbers, NotFinite, Played, Policy, PolicyWeights, Probes,
-    Replay, ReplayConfig, ReplayContents, TargetUpdate, Transition, UpdateMode, argmax, td,
+    Agent, Counters, EpsilonGreedy, Exploration, Minibatch, NamedNumbers, NotFinite, Played, Policy,
+    PolicyWeights, Probes, Replay, ReplayConfig, ReplayContents, TargetUpdate, Transition, UpdateMode,
+    argmax, td,
 };
 use crate::mirror::Mirror;
 use crate::nn::{Activations, Adam, Loss, Mlp, NetworkConfig, OptimizerConfig, clip_norm};
@@ -60,10 +61,8 @@ pub struct Dqn {
     pub adam: Adam<f32>,
     /// What has happened.
     pub replay: Replay,
-    /// Probability of a random action.
-    pub epsilon: f64,
-    /// Draws exploration.
-    pub explore_rng: Rng,
+    /// Chooses random actions.
+    pub exploration: EpsilonGreedy,
     /// Draws minibatches.
     pub replay_rng: Rng,
     buffers: Buffers,
@@ -111,8 +110,7 @@ impl Dqn {
             target: online.clone(),
             adam: Adam::new(config.optimizer.adam(), online.parameters().len()),
             replay: Replay::new(config.replay.capacity, observation_size),
-            epsilon: config.exploration.initial_epsilon(),
-            explore_rng: Rng::spawn(seed, Stream::Explore),
+            exploration: EpsilonGreedy::new(config.exploration, Rng::spawn(seed, Stream::Explore)),
             replay_rng: Rng::spawn(seed, Stream::Replay),
             mirror: mirror
                 .filter(|_| config.replay.mirror)
@@ -229,10 +227,10 @@ impl Buffers {
 }
 
 impl Agent for Dqn {
-    /// ε-greedy: a random action if a uniform draw is at most ε, else the one with the largest Q-value.
+    /// ε-greedy: a random action, or else the one with the largest Q-value.
     fn act(&mut self, observation: &[f32]) -> usize {
-        if self.explore_rng.unit() <= self.epsilon {
-            return self.explore_rng.below(self.buffers.acting.output().ncols() as u64) as usize;
+        if let Some(action) = self.exploration.explore(self.buffers.acting.output().ncols()) {
+            return action;
         }
         scale(observation, &self.observation_divisors, self.buffers.acting.input_mut().as_mut_slice());
         self.online.forward(&mut self.buffers.acting);
@@ -264,7 +262,7 @@ impl Agent for Dqn {
     }
 
     fn end_episode(&mut self, episode: u64) {
-        self.epsilon = self.config.exploration.after_episode(self.epsilon);
+        self.exploration.after_episode();
         if let TargetUpdate::EveryEpisodes(period) = self.config.target
             && episode.is_multiple_of(period)
         {
@@ -308,7 +306,7 @@ impl Agent for Dqn {
 
     fn counters(&self) -> Counters {
         let Adam { steps, learning_rate, .. } = self.adam;
-        Counters { updates: steps, epsilon: self.epsilon, learning_rate }
+        Counters { updates: steps, epsilon: self.exploration.epsilon, learning_rate }
     }
 
     fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers> {
@@ -348,8 +346,7 @@ impl Agent for Dqn {
         tensors.put("adam.steps", &[1], &[adam.steps]);
         tensors.put("adam.first_moment", &[adam.first_moment.len()], &adam.first_moment);
         tensors.put("adam.second_moment", &[adam.second_moment.len()], &adam.second_moment);
-        tensors.put("epsilon", &[1], &[self.epsilon]);
-        tensors.put_rng("explore_rng", &self.explore_rng);
+        self.exploration.save(tensors);
         tensors.put_rng("replay_rng", &self.replay_rng);
         replay.contents().save(online.sizes()[0], tensors);
     }
@@ -364,10 +361,9 @@ impl Agent for Dqn {
         }
         self.adam.first_moment = tensors.get("adam.first_moment", &[parameters])?;
         self.adam.second_moment = tensors.get("adam.second_moment", &[parameters])?;
-        self.epsilon = tensors.get_one("epsilon")?;
-        self.explore_rng = tensors.get_rng("explore_rng")?;
         self.replay_rng = tensors.get_rng("replay_rng")?;
         let (inputs, outputs) = (self.online.sizes()[0], self.buffers.acting.output().ncols());
+        self.exploration.load(tensors, outputs)?;
         if !self.replay.restore(&ReplayContents::load(inputs, tensors)?, outputs) {
             return Err(TensorError::Inconsistent("replay memory"));
         }
@@ -380,7 +376,7 @@ impl Dqn {
     /// ε and the learning rate after `env_steps` environment steps.
     fn apply_schedules(&mut self, env_steps: u64) {
         self.adam.learning_rate = self.config.optimizer.learning_rate_after(env_steps);
-        self.epsilon = self.config.exploration.after_step(self.epsilon, env_steps);
+        self.exploration.after_step(env_steps);
     }
 }
 

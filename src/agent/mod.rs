@@ -16,7 +16,7 @@ use nalgebra::DMatrix;
 use crate::tensors::{TensorError, Tensors};
 
 pub use dqn::{Dqn, DqnConfig, LearnConfig};
-pub use exploration::Exploration;
+pub use exploration::{EpsilonGreedy, Exploration};
 pub use policy::{Actor, Greedy, Policy};
 pub use random::Random;
 pub use replay::{Minibatch, Replay, ReplayConfig, ReplayContents, Transition, UpdateMode};

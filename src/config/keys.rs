@@ -64,6 +64,7 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("exploration.final", UNIT, "probability", "`linear`: ε from step `steps` on; `per_episode`: ε is not multiplied any more at or below this"),
     Key::new("exploration.decay", POSITIVE, "per episode", "only `per_episode`: factor after every episode"),
     Key::new("exploration.steps", PERIOD, "steps", "only `linear`: length of the straight line from `initial` to `final`"),
+    Key::new("exploration.repeat", Allowed::Integer(1, 10_000), "steps", "a random action is taken for up to this many steps in a row, n of them with a probability proportional to 1/n²"),
     Key::new("target.kind", Allowed::OneOf(&["hard", "none", "soft"]), "", "`hard`: a target network that is copied from the online network; `soft`: one that moves a share of the way to it; `none`: the online network bootstraps itself"),
     Key::new("target.every_steps", PERIOD, "steps", "only `hard`: period of the copies"),
     Key::new("target.every_episodes", PERIOD, "episodes", "only `hard`, instead of `every_steps`: copied after episode e, from 0, if `e % every_episodes == 0`"),
@@ -85,7 +86,7 @@ pub(super) const KEYS: &[Key] = &[
 /// their keys.
 pub(super) fn alternatives() -> [(&'static str, Vec<Map<String, Value>>); 4] {
     let default = Config::default();
-    let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995 };
+    let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995, repeat: 1 };
     let every_episodes = TargetUpdate::EveryEpisodes(10);
     let soft = TargetUpdate::Soft { tau: 0.005 };
     let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };

@@ -89,7 +89,7 @@ impl Default for Config {
                     mirror: false,
                 },
                 learn: LearnConfig { every_steps: 1, updates: 1 },
-                exploration: Exploration::Linear { initial: 1.0, final_: 0.05, steps: 10_000 },
+                exploration: Exploration::Linear { initial: 1.0, final_: 0.05, steps: 10_000, repeat: 1 },
                 target: TargetUpdate::EverySteps(500),
                 truncation_is_terminal: false,
                 observation_divisors: None,

@@ -49,7 +49,7 @@ fn the_default_is_the_documented_plain_dqn() {
         "double": false,
         "replay": {"capacity": 50_000, "batch_size": 32, "warmup_steps": 1000, "update": "minibatch", "mirror": false},
         "learn": {"every_steps": 1, "updates": 1},
-        "exploration": {"schedule": "linear", "initial": 1.0, "final": 0.05, "steps": 10_000},
+        "exploration": {"schedule": "linear", "initial": 1.0, "final": 0.05, "steps": 10_000, "repeat": 1},
         "target": {"kind": "hard", "every_steps": 500},
         "truncation_is_terminal": false,
         "observation_divisors": null,
@@ -182,20 +182,20 @@ fn a_changed_schedule_keeps_what_the_two_share() {
     let linear = r#"{"exploration": {"schedule": "linear", "initial": 0.9, "steps": 77}}"#;
     assert_eq!(
         exploration(linear, &["exploration.schedule=per_episode"]),
-        Exploration::PerEpisode { initial: 0.9, final_: 0.01, decay: 0.995 }
+        Exploration::PerEpisode { initial: 0.9, final_: 0.01, decay: 0.995, repeat: 1 }
     );
     assert_eq!(
         exploration("{}", &["exploration.decay=0.5", "exploration.schedule=per_episode"]),
-        Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.5 }
+        Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.5, repeat: 1 }
     );
     assert_eq!(
         exploration(linear, &["exploration.final=0.2"]),
-        Exploration::Linear { initial: 0.9, final_: 0.2, steps: 77 }
+        Exploration::Linear { initial: 0.9, final_: 0.2, steps: 77, repeat: 1 }
     );
     let per_episode = r#"{"exploration": {"schedule": "per_episode", "final": 0.3, "decay": 0.5}}"#;
     assert_eq!(
         exploration(per_episode, &["exploration.schedule=linear"]),
-        Exploration::Linear { initial: 1.0, final_: 0.3, steps: 10_000 }
+        Exploration::Linear { initial: 1.0, final_: 0.3, steps: 10_000, repeat: 1 }
     );
 }
 
@@ -236,7 +236,7 @@ fn a_key_of_another_alternative_is_refused() {
     refused(
         r#"{"exploration": {"schedule": "per_episode", "steps": 5}}"#,
         &["exploration.schedule=linear"],
-        &["run.json", "`exploration.steps`", r#"{"schedule": "per_episode", "initial", "final", "decay"}"#],
+        &["run.json", "`exploration.steps`", r#"{"schedule": "per_episode", "initial", "final", "decay", "repeat"}"#],
     );
     refused("{}", &["exploration.decay=0.5"], &["--set", "`exploration.decay`", "linear"]);
     refused("{}", &["target.tau=0.5"], &["--set", "`target.tau`", r#"{"kind": "soft", "tau"}"#]);

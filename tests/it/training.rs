@@ -152,7 +152,7 @@ fn the_tutorials_schedules_are_followed() {
         agent.learn_if_due(episode + 1).unwrap();
         agent.end_episode(episode);
         epsilon = if epsilon > 0.9 { epsilon * 0.99 } else { epsilon };
-        assert_eq!(agent.epsilon, epsilon);
+        assert_eq!(agent.exploration.epsilon, epsilon);
         let last_copy = (episode / 10 * 10) as f32 + 100.0;
         assert_eq!(agent.target.parameters()[0], last_copy, "after episode {episode}");
     }
@@ -243,7 +243,7 @@ fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
 
     // Powers of two: both ways round alike.
     let mut policy = scaled.policy().greedy(1);
-    scaled.epsilon = -1.0;
+    scaled.exploration.epsilon = -1.0;
     for observation in plain.observations.chunks_exact(4) {
         assert_eq!(scaled.act(observation), policy.act(observation));
     }
@@ -296,10 +296,10 @@ fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
 fn explores_with_probability_epsilon() {
     let mut agent = Dqn::new(config(&["exploration.final=1"]).dqn, 4, 2, None, 0);
     let acts = |agent: &mut Dqn| (0..4000).filter(|_| agent.act(&[0.1, 0.2, 0.3, 0.4]) == 0).count();
-    agent.epsilon = 0.0;
+    agent.exploration.epsilon = 0.0;
     let greedy = acts(&mut agent);
     assert!(greedy == 0 || greedy == 4000);
-    agent.epsilon = 0.5;
+    agent.exploration.epsilon = 0.5;
     let share = acts(&mut agent) as f64 / 4000.0;
     assert!((share - if greedy == 0 { 0.25 } else { 0.75 }).abs() < 0.03, "{share}");
 }
@@ -342,11 +342,12 @@ fn a_run_resumed_in_mid_episode_goes_on_with_the_same_bits() {
         &["target={\"kind\":\"hard\",\"every_episodes\":2}", "replay.capacity=300"],
         &[
             "replay.update=per_sample",
-            "exploration={\"schedule\":\"per_episode\"}",
+            "exploration={\"schedule\":\"per_episode\",\"repeat\":9}",
             "budget={\"episodes\":40}",
         ],
         &["double=true", "n_step=4", "replay.capacity=300", "optimizer.schedule.steps=700"],
         &["target={\"kind\":\"soft\",\"tau\":0.01}", "policy_weights=target", "learn.every_steps=3"],
+        &["exploration.final=1", "exploration.repeat=1000"],
         &["optimizer.max_gradient_norm=0.5", "observation_divisors=[2.4,2,0.2095,2]", "reward_scale=0.01"],
     ] {
         let sets = ["network.hidden=[12, 8]", "replay.warmup_steps=100", "budget.steps=900"];
