@@ -34,7 +34,9 @@ impl Draws for Filled<'_> {
 fn filled(color: Color) -> Ansi {
     match color {
         Color::Ink => Ansi::Blue,
-        Color::Tan => Ansi::Yellow,
+        Color::Tan | Color::Yellow => Ansi::Yellow,
+        Color::Cyan => Ansi::Cyan,
+        Color::Grey => Ansi::Gray,
         Color::Lavender => Ansi::Magenta,
     }
 }

@@ -3,6 +3,7 @@
 
 use std::sync::LazyLock;
 
+use super::map::{MapAxis, Quantity};
 use super::scene::{Bounds, Color, Outline, Scene, Shape};
 use super::{Environment, EnvironmentError, Outcome, Spec, Start, TimeLimit};
 use crate::mirror::Mirror;
@@ -30,6 +31,15 @@ static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
     observations: ["x", "ẋ", "θ", "θ̇"].map(String::from).into(),
     // Left and right exchanged: (−s, the other action) leads to −s′.
     mirror: Some(Mirror { observation: (0..4).map(|i| (i, -1.0)).collect(), actions: vec![1, 0] }),
+    map: Some([(2, "pole angle", "°", CartPole::MAX_ANGLE), (3, "angular velocity", " °/s", 2.5)].map(
+        |(coordinate, name, unit, limit)| MapAxis {
+            name: name.into(),
+            unit: unit.into(),
+            range: (-limit.to_degrees(), limit.to_degrees()),
+            factor: 1f64.to_degrees(),
+            quantity: Quantity::Coordinate(coordinate),
+        },
+    )),
 });
 
 /// The physics without a time limit. Action 0 pushes the cart to the left, 1 to the right.
@@ -106,6 +116,10 @@ impl Environment for CartPole {
 
     fn state(&self) -> Option<&[f64]> {
         Some(&self.state)
+    }
+
+    fn ending(&self) -> &'static str {
+        if self.state[0].abs() > Self::MAX_POSITION { "left the track" } else { "fell" }
     }
 
     /// The picture of Gymnasium's `cartpole.py`, with its numbers. Gymnasium cuts the corners to whole pixels.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CartPole, Environment, EnvironmentError, Spec, TimeLimit};
+use super::{Acrobot, CartPole, Environment, EnvironmentError, MountainCar, Spec, TimeLimit};
 
 /// The name of an environment. A new one is a variant, its name, and a line in both functions below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -10,16 +10,24 @@ pub enum EnvironmentId {
     /// Gymnasium's CartPole-v1: [`CartPole`] under a [`TimeLimit`] of 500 steps.
     #[serde(rename = "CartPole-v1")]
     CartPoleV1,
+    /// Gymnasium's Acrobot-v1: [`Acrobot`] under a [`TimeLimit`] of 500 steps.
+    #[serde(rename = "Acrobot-v1")]
+    AcrobotV1,
+    /// Gymnasium's MountainCar-v0: [`MountainCar`] under a [`TimeLimit`] of 200 steps.
+    #[serde(rename = "MountainCar-v0")]
+    MountainCarV0,
 }
 
 impl EnvironmentId {
     /// Every environment's name.
-    pub const NAMES: &[&str] = &["CartPole-v1"];
+    pub const NAMES: &[&str] = &["CartPole-v1", "Acrobot-v1", "MountainCar-v0"];
 
     /// What is known of the environment.
     pub fn spec(self) -> Spec {
         match self {
             Self::CartPoleV1 => CartPole::default().spec().clone(),
+            Self::AcrobotV1 => Acrobot::default().spec().clone(),
+            Self::MountainCarV0 => MountainCar::default().spec().clone(),
         }
     }
 
@@ -30,6 +38,8 @@ impl EnvironmentId {
     pub fn make(self, max_steps: u32) -> Result<Box<dyn Environment>, EnvironmentError> {
         match self {
             Self::CartPoleV1 => Ok(Box::new(TimeLimit::new(CartPole::default(), max_steps))),
+            Self::AcrobotV1 => Ok(Box::new(TimeLimit::new(Acrobot::default(), max_steps))),
+            Self::MountainCarV0 => Ok(Box::new(TimeLimit::new(MountainCar::default(), max_steps))),
         }
     }
 }

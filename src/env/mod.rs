@@ -3,8 +3,11 @@
 //! An environment is a trait object whose sizes are data, so that the trainer is the same for every task. A step can fail,
 //! because an environment may be another program.
 
+mod acrobot;
 mod cartpole;
 pub mod catalogue;
+pub mod map;
+mod mountain_car;
 pub mod scene;
 mod time_limit;
 
@@ -12,9 +15,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::mirror::Mirror;
 use crate::rng::Rng;
+use map::MapAxis;
 use scene::Scene;
 
+pub use acrobot::Acrobot;
 pub use cartpole::CartPole;
+pub use mountain_car::MountainCar;
 pub use time_limit::TimeLimit;
 
 /// What is known of a task before its first step.
@@ -30,7 +36,7 @@ pub struct Spec {
     pub max_steps: u32,
     /// Mean return over 100 episodes from which the task counts as solved (Gymnasium's `reward_threshold`).
     pub solved_return: Option<f64>,
-    /// The lowest and the highest return that an episode of `max_steps` steps can have. A run that failed scores the lowest.
+    /// No episode of `max_steps` steps has a return below the first or above the second. A run that failed scores the lowest.
     pub return_range: (f64, f64),
     /// Steps in a second of simulated time.
     pub steps_per_second: f64,
@@ -41,6 +47,10 @@ pub struct Spec {
     /// The mirror image of the task, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mirror: Option<Mirror>,
+    /// The plane in which a page shows what a policy prefers, if the task has one. Coordinates that are on neither axis are 0
+    /// there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<[MapAxis; 2]>,
 }
 
 impl Spec {
@@ -92,7 +102,7 @@ impl Outcome {
     }
 }
 
-/// An environment has failed, and why. CartPole cannot fail; another program can. The text is boxed, so that the result of a
+/// An environment has failed, and why. The crate's own cannot fail; another program can. The text is boxed, so that the result of a
 /// step stays as small as its outcome.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the environment {}: {}", .0.0, .0.1)]
@@ -126,6 +136,11 @@ pub trait Environment: Send {
     /// The full state in f64, more precise than the observation; none if the environment does not show it.
     fn state(&self) -> Option<&[f64]> {
         None
+    }
+
+    /// How an episode that has terminated in this state ended, in a few words.
+    fn ending(&self) -> &'static str {
+        "terminated"
     }
 
     /// What the environment looks like now; none if the environment has no picture.

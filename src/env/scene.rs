@@ -73,6 +73,12 @@ pub enum Color {
     Tan,
     /// A light violet.
     Lavender,
+    /// A greenish blue.
+    Cyan,
+    /// A dark yellow.
+    Yellow,
+    /// Halfway between black and white.
+    Grey,
 }
 
 impl Color {
@@ -82,6 +88,9 @@ impl Color {
             Self::Ink => "ink",
             Self::Tan => "tan",
             Self::Lavender => "lavender",
+            Self::Cyan => "cyan",
+            Self::Yellow => "yellow",
+            Self::Grey => "grey",
         }
     }
 
@@ -91,6 +100,9 @@ impl Color {
             Self::Ink => [0, 0, 0],
             Self::Tan => [202, 152, 101],
             Self::Lavender => [129, 132, 203],
+            Self::Cyan => [0, 204, 204],
+            Self::Yellow => [204, 204, 0],
+            Self::Grey => [128; 3],
         }
     }
 }

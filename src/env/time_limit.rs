@@ -39,6 +39,10 @@ impl<E: Environment> Environment for TimeLimit<E> {
         self.environment.state()
     }
 
+    fn ending(&self) -> &'static str {
+        self.environment.ending()
+    }
+
     fn scene(&self) -> Option<Scene> {
         self.environment.scene()
     }

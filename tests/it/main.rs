@@ -12,6 +12,7 @@ mod cli_tensorboard;
 mod cli_train;
 mod config;
 mod golden_physics;
+mod golden_tasks;
 mod golden_update;
 #[cfg(unix)]
 mod hostile;

@@ -72,6 +72,7 @@ impl TwoStates {
             actions: ["stay", "switch", "pay"].map(String::from).into(),
             observations: ["first", "second"].map(String::from).into(),
             mirror: None,
+            map: None,
         };
         Self { spec, state: 0, steps: 0, is_random, resets: 0 }
     }
