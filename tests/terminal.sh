@@ -60,12 +60,12 @@ shows '◆ chosen'
 press Space
 shows 'paused'
 press Right
-shows 'pushed ►'
+shows 'yours: right'
 mux resize-window -t view -x 40 -y 15
 shows 'at least 70 × 20'
 mux resize-window -t view -x 2 -y 2
 mux resize-window -t view -x 80 -y 24
-shows 'pushed ►'
+shows 'yours: right'
 press q
 ended 0
 

@@ -57,11 +57,11 @@ const fn statistic(
 pub const STATISTICS: &[Statistic] = &[
     statistic("max_q", "max Q", "Q-value: the return that the network expects in ordinary states", "mean over 128 fixed observations of random play of the largest Q-value"),
     statistic("overestimation", "overestimation", "Overestimation: expected less obtained return", "mean over the evaluation's episodes of max Q at the start minus the discounted return that the episode gave. An episode cut off by the time limit gives a little less than it is worth"),
-    statistic("action_gap", "action gap", "Action gap: Q-value of the best action less that of the other", "mean over the same observations of the distance of the largest Q-value to the second largest"),
-    statistic("doomed_max_q", "doomed max Q", "Q-value one step before the end (the true value is about 1)", "mean of max Q on 128 observations one step before an episode terminates. In CartPole only one more reward follows, so the true value is about 1"),
+    statistic("action_gap", "action gap", "Action gap: Q-value of the best action less that of the second best", "mean over the same observations of the distance of the largest Q-value to the second largest"),
+    statistic("doomed_max_q", "doomed max Q", "Q-value one step before an episode terminates (in CartPole the true value is about 1)", "mean of max Q on observations of random play one step before an episode terminates. In CartPole only one more reward follows, so the true value is about 1. Left out where random play terminates no episode, as in MountainCar"),
     Statistic { is_logarithmic: true, ..statistic("gradient_norm", "gradient norm", "Norm of the gradient", "norm of the gradient of the loss over 256 transitions spread evenly over the replay memory") },
     statistic("terminal_share", "terminal share", "Share of terminations in the replay memory", "share of the replay memory's transitions that terminated. A good policy makes them rare, and then the network forgets what ends an episode"),
-    statistic("dead_relu_share", "dead ReLU share", "Share of hidden units that are always 0", "share of hidden units whose output is 0 on all 256 observations of `max_q` and `doomed_max_q`"),
+    statistic("dead_relu_share", "dead ReLU share", "Share of hidden units that are always 0", "share of hidden units whose output is 0 on all observations of `max_q` and `doomed_max_q`"),
     statistic("td_error_q10", "", "", "10 % quantile of the absolute TD errors of the transitions of `gradient_norm`"),
     statistic("td_error_q50", "TD error, median", "", "their median"),
     statistic("td_error_q90", "", "", "their 90 % quantile"),
@@ -129,7 +129,9 @@ impl Inside<'_> {
             ("td_error_q90", quantile(0.9)),
             ("dead_relu_share", dead_share(&[ordinary, doomed])),
         ];
-        NamedNumbers(numbers.map(|(name, number)| (name.to_owned(), number)).into())
+        let is_known = |&(name, _): &(&str, f64)| name != "doomed_max_q" || !probes.doomed.is_empty();
+        let numbers = numbers.into_iter().filter(is_known);
+        NamedNumbers(numbers.map(|(name, number)| (name.to_owned(), number)).collect())
     }
 }
 

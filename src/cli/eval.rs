@@ -23,7 +23,7 @@ const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 /// Play a trained policy and score it.
 ///
 /// Plays 100 episodes with the greedy policy and prints statistics of their returns. Episode i starts as Gymnasium's
-/// CartPole-v1 does after reset(seed = SEED + i), so every score can be repeated there.
+/// environment does after reset(seed = SEED + i), so every score can be repeated there.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn eval runs/my-run --episodes 100 --min-mean 475")]
 pub(super) struct Arguments {
@@ -40,10 +40,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "S", default_value_t = SCORE_SEED, value_parser = super::ui::seed,
         allow_negative_numbers = true)]
     seed: u64,
-    /// Cut episodes off after N steps; CartPole-v1 does so after 500, and "solved" is judged there
-    #[arg(long, value_name = "N", default_value_t = u64::from(DEFAULT_ENVIRONMENT.spec().max_steps),
-        allow_negative_numbers = true, value_parser = super::ui::integer::<1, 1_000_000_000>)]
-    max_steps: u64,
+    /// Cut episodes off after N steps in place of the environment's own limit, at which "solved" is judged [default: that
+    /// limit, 500 for CartPole-v1]
+    #[arg(long, value_name = "N", allow_negative_numbers = true,
+        value_parser = super::ui::integer::<1, 1_000_000_000>)]
+    max_steps: Option<u64>,
     /// Exit with code 1 if the mean return is below this
     #[arg(long, value_name = "X", value_parser = finite, allow_negative_numbers = true)]
     min_mean: Option<f64>,
@@ -138,7 +139,8 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     trace.as_ref().map_or(Ok(()), Output::check)?;
     let (origin, task, played) = match arguments.policy {
         Some(Baseline::Random) => {
-            let task = Task::new(DEFAULT_ENVIRONMENT, &arguments);
+            let environment = arguments.place.environment.unwrap_or(DEFAULT_ENVIRONMENT);
+            let task = Task::new(environment, &arguments);
             let mut policy = Random::new(task.spec.num_actions, Rng::from_seed(arguments.seed));
             let origin = Origin { kind: "random", ..Origin::default() };
             let played = play_all(&mut policy, &task, &arguments, trace.as_ref())?;
@@ -147,7 +149,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         None => {
             let found = arguments.place.find(arguments.json || arguments.quiet)?;
             let policy = found.policy()?;
-            let task = Task::new(found.environment(), &arguments);
+            let task = Task::new(found.environment, &arguments);
             let played = match &trace {
                 None => Some(task.evaluate(&policy, &arguments)?),
                 Some(_) => play_all(&mut policy.greedy(1), &task, &arguments, trace.as_ref())?,
@@ -163,9 +165,9 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let scored: Vec<f64> = played.iter().map(|episode| episode.total).collect();
     let solved = scored.len() >= 100 && task.spec.is_solved_by(Score::new(&scored).mean);
     if arguments.json {
-        print_json(&report(&origin, &score, &returns, solved, &arguments))?;
+        print_json(&report(&origin, &score, &returns, solved, &task, &arguments))?;
     } else if !arguments.quiet {
-        let text = origin.describe() + &describe(&score, &played, solved, &task.spec, &arguments);
+        let text = origin.describe() + &describe(&score, &played, solved, &task, &arguments);
         if trace_to_stdout {
             // A closed stderr leaves nobody to tell.
             let _ = io::stderr().write_all(text.as_bytes());
@@ -239,9 +241,10 @@ struct Task {
 
 impl Task {
     fn new(environment: EnvironmentId, arguments: &Arguments) -> Self {
+        let spec = environment.spec();
         // The largest limit that the option takes is far below.
-        let max_steps = u32::try_from(arguments.max_steps).unwrap_or(u32::MAX);
-        Self { environment, spec: environment.spec(), max_steps }
+        let typed = arguments.max_steps.map(|steps| u32::try_from(steps).unwrap_or(u32::MAX));
+        Self { environment, max_steps: typed.unwrap_or(spec.max_steps), spec }
     }
 
     fn evaluate(&self, policy: &SavedPolicy, arguments: &Arguments) -> Result<Vec<Played>, Failure> {
@@ -322,17 +325,18 @@ fn report<'a>(
     score: &Score,
     returns: &'a [f64],
     solved: bool,
+    task: &Task,
     arguments: &Arguments,
 ) -> Report<'a> {
-    let Arguments { seed, max_steps, .. } = *arguments;
+    let (seed, max_steps) = (arguments.seed, u64::from(task.max_steps));
     let Score { episodes, mean, std, min, median, max } = *score;
     Report { policy, episodes, seed, max_steps, mean, std, min, median, max, solved, returns }
 }
 
-fn describe(score: &Score, played: &[Played], solved: bool, task: &Spec, arguments: &Arguments) -> String {
+fn describe(score: &Score, played: &[Played], solved: bool, task: &Task, arguments: &Arguments) -> String {
     let Score { episodes, mean, std, min, median, max } = score;
     let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
-    let Arguments { seed, max_steps, .. } = *arguments;
+    let (seed, max_steps, task) = (arguments.seed, u64::from(task.max_steps), &task.spec);
     let full = played.iter().filter(|episode| episode.steps >= max_steps).count();
     let full = full as f64 * 100.0 / *episodes as f64;
     let own_limit = u64::from(task.max_steps);

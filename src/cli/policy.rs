@@ -4,6 +4,7 @@ use std::io::{self, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::find::{RUNS, newest_with_policy};
 use super::ui::{Failure, note};
@@ -31,6 +32,16 @@ pub(super) struct Place {
     /// The same as PATH
     #[arg(long, value_name = "PATH", conflicts_with = "path")]
     checkpoint: Option<PathBuf>,
+    /// What a policy that another program wrote plays; our own files say it themselves [default: CartPole-v1]
+    #[arg(long, value_name = "NAME", value_parser = environment())]
+    pub(super) environment: Option<EnvironmentId>,
+}
+
+/// Reads the name of an environment.
+fn environment() -> impl TypedValueParser<Value = EnvironmentId> {
+    let unknown = || "no such environment";
+    PossibleValuesParser::new(EnvironmentId::NAMES)
+        .try_map(move |name| EnvironmentId::from_name(&name).ok_or_else(unknown))
 }
 
 /// A checkpoint that has been found and read.
@@ -40,6 +51,8 @@ pub(super) struct Found {
     /// The file that was read.
     pub file: PathBuf,
     pub checkpoint: Checkpoint,
+    /// The environment that the policy was trained in.
+    pub environment: EnvironmentId,
 }
 
 impl Place {
@@ -48,7 +61,7 @@ impl Place {
     pub(super) fn find(&self, quiet: bool) -> Result<Found, Failure> {
         let typed = self.path.as_ref().or(self.checkpoint.as_ref());
         let place = match typed {
-            Some(place) if place == Path::new(STANDARD) => return read_standard_input(),
+            Some(place) if place == Path::new(STANDARD) => return self.read_standard_input(),
             Some(place) => place.clone(),
             None => {
                 let run = newest_with_policy(Path::new(RUNS))?;
@@ -67,44 +80,54 @@ impl Place {
             )),
             false => error.into(),
         })?;
-        Ok(Found { place, file, checkpoint })
+        self.found(place, file, checkpoint)
+    }
+
+    /// The environment is the one that the checkpoint names; for a policy of another program the one that the user names.
+    fn found(&self, place: PathBuf, file: PathBuf, checkpoint: Checkpoint) -> Result<Found, Failure> {
+        let own = checkpoint.header().ok().map(|header: Header| header.config.environment);
+        let environment = own.or(self.environment).unwrap_or(DEFAULT_ENVIRONMENT);
+        match self.environment {
+            Some(typed) if typed != environment => Err(Failure::BadInput(format!(
+                "--environment {}: {} was trained in {}; leave --environment out",
+                typed.spec().id,
+                shown(&file),
+                environment.spec().id
+            ))),
+            _ => Ok(Found { place, file, checkpoint, environment }),
+        }
+    }
+
+    fn read_standard_input(&self) -> Result<Found, Failure> {
+        let file = PathBuf::from("standard input");
+        let mut stdin = io::stdin().lock();
+        if stdin.is_terminal() {
+            return Err(Failure::BadInput(
+                "standard input is a terminal; send a checkpoint to it: cartpole-dqn eval - < last.safetensors"
+                    .into(),
+            ));
+        }
+        let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
+            .map_err(|problem| CheckpointError { path: file.clone(), problem })?;
+        self.found(STANDARD.into(), file, checkpoint)
     }
 }
 
 impl Found {
-    /// The environment that the policy was trained in; for a policy of another program the default.
-    pub(super) fn environment(&self) -> EnvironmentId {
-        self.checkpoint.header().map_or(DEFAULT_ENVIRONMENT, |header: Header| header.config.environment)
-    }
-
-    /// What is known of that environment.
+    /// What is known of the environment.
     pub(super) fn spec(&self) -> Spec {
-        self.environment().spec()
+        self.environment.spec()
     }
 
-    /// That environment under its own time limit.
+    /// The environment under its own time limit.
     pub(super) fn make_environment(&self) -> Result<Box<dyn Environment>, Failure> {
-        Ok(self.environment().make(self.spec().max_steps)?)
+        Ok(self.environment.make(self.spec().max_steps)?)
     }
 
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
         let policy = SavedPolicy::of(&self.checkpoint, &self.spec());
         policy.map_err(|problem| CheckpointError { path: self.file.clone(), problem }.into())
     }
-}
-
-fn read_standard_input() -> Result<Found, Failure> {
-    let file = PathBuf::from("standard input");
-    let mut stdin = io::stdin().lock();
-    if stdin.is_terminal() {
-        return Err(Failure::BadInput(
-            "standard input is a terminal; send a checkpoint to it: cartpole-dqn eval - < last.safetensors"
-                .into(),
-        ));
-    }
-    let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
-        .map_err(|problem| CheckpointError { path: file.clone(), problem })?;
-    Ok(Found { place: STANDARD.into(), file, checkpoint })
 }
 
 fn is_trial(error: &CheckpointError) -> bool {

@@ -15,8 +15,8 @@ use crate::trainer::{Frame, SCORE_SEED, record};
 
 /// Draw an episode of a trained policy as an animated picture.
 ///
-/// The picture has 600 × 400 pixels and 50 frames a second, and looks as Gymnasium's renderer draws it. The same checkpoint
-/// and seed give the same bytes.
+/// The picture has 600 × 400 pixels and looks as Gymnasium's renderer draws it. It has a frame for each step, as many a second
+/// as the environment makes steps: 50 for CartPole-v1. The same checkpoint and seed give the same bytes.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn render runs/my-run -o episode.gif")]
 pub(super) struct Arguments {
@@ -32,10 +32,9 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "S", default_value_t = SCORE_SEED, value_parser = super::ui::seed,
         allow_negative_numbers = true)]
     seed: u64,
-    /// Draw only the first N steps of the episode
-    #[arg(long, value_name = "N", default_value_t = 500, allow_negative_numbers = true,
-        value_parser = super::ui::integer::<1, 500>)]
-    steps: u64,
+    /// Draw only the first N steps of the episode [default: all]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::ui::integer::<1, 1_000_000>)]
+    steps: Option<u64>,
     /// Print nothing
     #[arg(long)]
     quiet: bool,
@@ -62,9 +61,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = place.find(*quiet)?;
     let policy = found.policy()?;
     let mut environment = found.make_environment()?;
-    let frames = record(&mut policy.greedy(1), &mut *environment, *seed)?;
+    let frames = record(&mut policy.greedy(1), &mut *environment, *seed)?.frames;
+    let count = steps.map_or(frames.len(), |steps| steps as usize + 1);
     let task = environment.spec();
-    let scenes = scenes(frames.into_iter().take(*steps as usize + 1), &task.id)?;
+    let scenes = scenes(frames.into_iter().take(count), &task.id)?;
     let drawn = scenes.len() - 1;
     let is_read = output.write(|file| match format {
         Format::Gif => write_gif(file, &scenes, task.steps_per_second),
@@ -111,7 +111,8 @@ mod tests {
 
     #[test]
     fn an_environment_without_a_picture_is_refused() {
-        let frame = Frame { state: vec![0.0], scene: None, action: None, q_values: Vec::new() };
+        let (state, observation) = (vec![0.0], vec![0.0]);
+        let frame = Frame { state, observation, scene: None, action: None, q_values: Vec::new() };
         let refused = scenes(std::iter::once(frame), "TwoStates");
         assert!(
             matches!(refused, Err(Failure::BadInput(message)) if message.contains("TwoStates has no picture"))

@@ -11,10 +11,11 @@ use crate::text::shown;
 use crate::trainer::SCORE_SEED;
 use crate::view;
 
-/// Watch a trained policy play in the terminal, and push the cart yourself.
+/// Watch a trained policy play in the terminal, and act yourself.
 ///
-/// The arrow keys push the cart: a push replaces the policy's action for 3 steps (0.06 s), and a key that is held down keeps
-/// pushing. Time runs at 50 steps a second. The keys + and - change the speed, space pauses, s makes one step, n plays the
+/// The arrow keys take the first and the last action, for CartPole a push to the left and to the right; the digits take the
+/// action of their number, from 0. Such an action replaces the policy's for 3 steps, and a key that is held down keeps acting.
+/// Time runs at the environment's speed, 50 steps a second for CartPole. The keys + and - change the speed, space pauses, s makes one step, n plays the
 /// next seed, r plays the same episode again, q quits.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn watch runs/my-run")]

@@ -25,7 +25,7 @@ use crate::agent::{
     Agent, Dqn, DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
 };
 use crate::env::catalogue::EnvironmentId;
-use crate::env::{CartPole, EnvironmentError, Make, Spec};
+use crate::env::{EnvironmentError, Make, Spec};
 use crate::memory::check_memory;
 use crate::nn::{Init, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig, Trainer, TrainerConfig};
@@ -46,8 +46,8 @@ pub struct Config {
     pub seed: u64,
     /// The task.
     pub environment: EnvironmentId,
-    /// Steps after which a training episode is truncated.
-    pub max_episode_steps: u32,
+    /// Steps after which a training episode is truncated; none for the environment's own limit.
+    pub max_episode_steps: Option<u32>,
     /// The agent.
     #[serde(flatten)]
     pub dqn: DqnConfig,
@@ -66,7 +66,7 @@ impl Default for Config {
         Self {
             seed: 0,
             environment: EnvironmentId::CartPoleV1,
-            max_episode_steps: CartPole::MAX_STEPS,
+            max_episode_steps: None,
             dqn: DqnConfig {
                 network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
                 optimizer: OptimizerConfig {
@@ -307,7 +307,7 @@ impl Config {
     pub fn trainer(&self) -> TrainerConfig {
         TrainerConfig {
             seed: self.seed,
-            max_episode_steps: self.max_episode_steps,
+            max_episode_steps: self.max_episode_steps.unwrap_or_else(|| self.environment.spec().max_steps),
             budget: self.budget,
             evaluation: self.evaluation.clone(),
             checkpoint: self.checkpoint.clone(),

@@ -1,5 +1,7 @@
 //! The environments that a config can name.
 
+use serde::de::IntoDeserializer;
+use serde::de::value::Error;
 use serde::{Deserialize, Serialize};
 
 use super::{Acrobot, CartPole, Environment, EnvironmentError, MountainCar, Spec, TimeLimit};
@@ -21,6 +23,11 @@ pub enum EnvironmentId {
 impl EnvironmentId {
     /// Every environment's name.
     pub const NAMES: &[&str] = &["CartPole-v1", "Acrobot-v1", "MountainCar-v0"];
+
+    /// The environment of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::deserialize(IntoDeserializer::<Error>::into_deserializer(name)).ok()
+    }
 
     /// What is known of the environment.
     pub fn spec(self) -> Spec {

@@ -1,21 +1,20 @@
-//! What a run's policy does, for a page: its choice over pole angle and angular velocity, and an episode.
+//! What a run's policy does, for a page: its choice over two quantities of its task, and an episode.
 
 use std::path::Path;
 
 use serde::Serialize;
 
 use super::ReportError;
+use crate::agent::Greedy;
 use crate::draw::{Motion, motions};
-use crate::env::CartPole;
 use crate::env::catalogue::EnvironmentId;
+use crate::env::map::MapAxis;
 use crate::env::scene::Outline;
 use crate::run::names::{BEST, CHECKPOINTS, LAST};
 use crate::run::{Checkpoint, SavedPolicy};
-use crate::trainer::{Frame, SCORE_SEED, record};
+use crate::trainer::{Frame, Recording, SCORE_SEED, record};
 
-/// Largest angular velocity of the picture, rad/s.
-const MAX_VELOCITY: f64 = 2.5;
-/// Points of the picture in each direction; odd, so that the upright pole at rest is one.
+/// Points of the map in each direction; odd, so that the middle is one.
 const SIZE: usize = 81;
 
 /// The policy of a run.
@@ -23,17 +22,34 @@ const SIZE: usize = 81;
 pub(super) struct Portrait {
     checkpoint: String,
     env_steps: Option<u64>,
-    max_angle: f64,
-    max_velocity: f64,
-    size: usize,
     steps_per_second: f64,
     /// What each action and each coordinate of a state is called.
     actions: Vec<String>,
     coordinates: Vec<String>,
-    /// Q(right) − Q(left) at x = ẋ = 0: rows of angular velocity from the smallest, in each the angles from the
-    /// smallest.
-    preference: Vec<f64>,
+    /// None if the task has no plane for one.
+    map: Option<Map>,
     episode: Episode,
+}
+
+/// What the policy prefers over the plane of its task: rows from the smallest value of the second axis, in each the values
+/// of the first axis from the smallest.
+#[derive(Serialize)]
+struct Map {
+    size: usize,
+    axes: [Axis; 2],
+    /// The best action of every point, and how much more it is worth than the second best.
+    best: Vec<usize>,
+    gap: Vec<f64>,
+    /// Where the episode was, along each axis.
+    trail: [Vec<f64>; 2],
+}
+
+#[derive(Serialize)]
+struct Axis {
+    name: String,
+    unit: String,
+    low: f64,
+    high: f64,
 }
 
 /// One episode of it; of every series one value per state, `actions` and `q_values` without the last.
@@ -46,6 +62,9 @@ struct Episode {
     shapes: Vec<MovingShape>,
     actions: Vec<usize>,
     q_values: Vec<Vec<f64>>,
+    total: f64,
+    /// How it terminated, in words; empty if it did not.
+    ending: &'static str,
 }
 
 /// A rigid shape of the picture, and where it is: `x` and `y` in pixels, `angle` in rad counterclockwise.
@@ -83,31 +102,57 @@ impl Portrait {
         let task = environment.spec();
         let saved =
             SavedPolicy::of(&checkpoint, &task).map_err(|problem| ReportError::new(&path, problem))?;
-        let observations = observations();
-        let mut policy = saved.greedy(observations.len());
-        policy.forward_batch(observations.iter().map(AsRef::as_ref));
-        let preference = |sample| rounded(policy.q_value(sample, 1) - policy.q_value(sample, 0));
-        let environment = environment.make(task.max_steps);
-        let frames = environment
-            .and_then(|mut environment| record(&mut saved.greedy(1), &mut *environment, SCORE_SEED))
-            .map_err(|error| ReportError::new(folder, error))?;
+        let failed = |error| ReportError::new(folder, error);
+        let mut environment = environment.make(task.max_steps).map_err(failed)?;
+        let recording = record(&mut saved.greedy(1), &mut *environment, SCORE_SEED).map_err(failed)?;
+        let (count, frames) = ([task.observation_size, task.num_actions], &recording.frames);
+        let map = task.map.as_ref().map(|axes| Map::new(axes, count, saved.greedy(SIZE * SIZE), frames));
         Ok(Some(Self {
             checkpoint: name,
             env_steps: saved.header.as_ref().map(|header| header.env_steps),
-            max_angle: CartPole::MAX_ANGLE,
-            max_velocity: MAX_VELOCITY,
-            size: SIZE,
             steps_per_second: task.steps_per_second,
             actions: task.actions,
             coordinates: task.observations,
-            preference: (0..observations.len()).map(preference).collect(),
-            episode: Episode::new(&frames),
+            map,
+            episode: Episode::new(&recording, environment.ending()),
         }))
     }
 }
 
+impl Map {
+    fn new(axes: &[MapAxis; 2], [size, actions]: [usize; 2], mut policy: Greedy, frames: &[Frame]) -> Self {
+        let value = |axis: usize, i: usize| {
+            let (low, high) = axes[axis].range;
+            low + (high - low) * i as f64 / (SIZE - 1) as f64
+        };
+        let observation = |i: usize| {
+            let mut observation = vec![0.0; size];
+            axes[0].write(value(0, i % SIZE), &mut observation);
+            axes[1].write(value(1, i / SIZE), &mut observation);
+            observation
+        };
+        let observations: Vec<_> = (0..SIZE * SIZE).map(observation).collect();
+        policy.forward_batch(observations.iter().map(AsRef::as_ref));
+        let ranked = (0..observations.len()).map(|sample| {
+            let mut order: Vec<usize> = (0..actions).collect();
+            // The first of equals is the best, as in `argmax`.
+            order.sort_by(|&a, &b| policy.q_value(sample, b).total_cmp(&policy.q_value(sample, a)));
+            let second = order.get(1).unwrap_or(&order[0]);
+            (order[0], rounded(policy.q_value(sample, order[0]) - policy.q_value(sample, *second)))
+        });
+        let (best, gap) = ranked.unzip();
+        let axis = |MapAxis { name, unit, range, .. }: &MapAxis| {
+            let (name, unit) = (name.clone(), unit.clone());
+            Axis { name, unit, low: range.0, high: range.1 }
+        };
+        let trail =
+            |axis: &MapAxis| frames.iter().map(|frame| rounded(axis.read(&frame.observation))).collect();
+        Self { size: SIZE, axes: axes.each_ref().map(axis), best, gap, trail: axes.each_ref().map(trail) }
+    }
+}
+
 impl Episode {
-    fn new(frames: &[Frame]) -> Self {
+    fn new(Recording { frames, total, end }: &Recording, ending: &'static str) -> Self {
         let coordinates = frames.first().map_or(0, |frame| frame.state.len());
         let coordinate = |i: usize| frames.iter().map(|frame| rounded(frame.state[i])).collect();
         let scenes: Vec<_> = frames.iter().filter_map(|frame| frame.scene.clone()).collect();
@@ -118,6 +163,8 @@ impl Episode {
             shapes: motions(&scenes).iter().map(MovingShape::new).collect(),
             actions: frames.iter().filter_map(|frame| frame.action).collect(),
             q_values: frames.iter().filter(|frame| frame.action.is_some()).map(values).collect(),
+            total: rounded(*total),
+            ending: if end.terminated { ending } else { "" },
         }
     }
 }
@@ -146,14 +193,6 @@ fn series(values: impl Iterator<Item = f64>) -> Vec<f64> {
         values.truncate(1);
     }
     values
-}
-
-/// The observations of the picture, row by row.
-fn observations() -> Vec<[f32; 4]> {
-    let at = |i: usize, limit: f64| ((2 * i) as f64 / (SIZE - 1) as f64 - 1.0) * limit;
-    (0..SIZE * SIZE)
-        .map(|i| [0.0, 0.0, at(i % SIZE, CartPole::MAX_ANGLE) as f32, at(i / SIZE, MAX_VELOCITY) as f32])
-        .collect()
 }
 
 /// What a picture can show.

@@ -116,11 +116,10 @@ impl Observer for TensorBoard {
                 scalars.extend(self.steps_per_second(env_steps).map(|fps| ("time/fps", fps)));
                 self.write_scalars(env_steps, &scalars)
             }
-            Event::Evaluation { env_steps, mean, std, min, max, .. } => {
+            Event::Evaluation { env_steps, mean, std, min, max, mean_length, .. } => {
                 let scalars = [
                     ("eval/mean_reward", *mean),
-                    // A step's reward is 1.
-                    ("eval/mean_ep_length", *mean),
+                    ("eval/mean_ep_length", *mean_length),
                     ("eval/std_reward", *std),
                     ("eval/min_reward", *min),
                     ("eval/max_reward", *max),

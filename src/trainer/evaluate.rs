@@ -145,11 +145,24 @@ pub fn play<X: From<EnvironmentError>>(
     Ok(total)
 }
 
+/// An episode that has been kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// Every moment of it, the end included.
+    pub frames: Vec<Frame>,
+    /// The undiscounted return.
+    pub total: f64,
+    /// The last step.
+    pub end: Outcome,
+}
+
 /// One moment of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     /// The environment's state, or the observation of one that shows none.
     pub state: Vec<f64>,
+    /// What the agent saw.
+    pub observation: Vec<f32>,
     /// What the environment looks like; none if it has no picture.
     pub scene: Option<Scene>,
     /// The action that was taken in it; none at the end.
@@ -166,18 +179,22 @@ pub fn record(
     actor: &mut impl Actor,
     environment: &mut dyn Environment,
     seed: u64,
-) -> Result<Vec<Frame>, EnvironmentError> {
+) -> Result<Recording, EnvironmentError> {
     let mut observation = vec![0.0; environment.spec().observation_size];
     environment.reset(Start::Seed(seed), &mut observation)?;
-    let mut frames = Vec::new();
+    let frame = |environment: &dyn Environment, seen: &[f32], action, q_values| {
+        let (state, scene) = (state_of(environment, seen), environment.scene());
+        Frame { state, observation: seen.to_vec(), scene, action, q_values }
+    };
+    let (mut frames, mut total) = (Vec::new(), 0.0);
     loop {
-        let (state, scene) = (state_of(environment, &observation), environment.scene());
         let action = actor.act(&observation);
-        frames.push(Frame { state, scene, action: Some(action), q_values: actor.q_values() });
-        if environment.step(action, &mut observation)?.ended() {
-            let (state, scene) = (state_of(environment, &observation), environment.scene());
-            frames.push(Frame { state, scene, action: None, q_values: Vec::new() });
-            return Ok(frames);
+        frames.push(frame(environment, &observation, Some(action), actor.q_values()));
+        let outcome = environment.step(action, &mut observation)?;
+        total += outcome.reward;
+        if outcome.ended() {
+            frames.push(frame(environment, &observation, None, Vec::new()));
+            return Ok(Recording { frames, total, end: outcome });
         }
     }
 }

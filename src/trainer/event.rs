@@ -42,6 +42,8 @@ pub enum Event {
         min: f64,
         /// Largest return.
         max: f64,
+        /// Mean number of steps.
+        mean_length: f64,
         /// Whether none before is better, so that this policy became the best checkpoint.
         best: bool,
         /// Whether the mean reached the task's threshold.

@@ -17,7 +17,7 @@ use crate::env::{EnvironmentError, Make, Spec};
 use crate::tensors::{TensorError, Tensors};
 use episode::Episode;
 
-pub use evaluate::{Frame, Score, TraceStep, evaluate, play, record};
+pub use evaluate::{Frame, Recording, Score, TraceStep, evaluate, play, record};
 pub use event::{EndReason, Event};
 pub use observer::{CheckpointKind, DueCheckpoint, Fanout, Observer};
 pub use progress::{Evaluation, Progress, Summary};
@@ -209,7 +209,9 @@ impl Trainer {
         let played = evaluate(&policy, &*self.make, self.spec.max_steps, EVALUATION_SEED, episodes, gamma)?;
         let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());
         let is_better = self.progress.best_evaluation.is_none_or(|best| score.mean > best.mean);
-        let event = self.progress.count_evaluation(&score, self.spec.is_solved_by(score.mean));
+        let mean_length =
+            played.iter().map(|episode| episode.steps as f64).sum::<f64>() / played.len() as f64;
+        let event = self.progress.count_evaluation(&score, mean_length, self.spec.is_solved_by(score.mean));
         if let Event::Evaluation { best: true, .. } = event {
             self.best_policy = Some(policy);
             self.best_is_saved = false;

@@ -114,7 +114,7 @@ impl Progress {
 
     /// Counts an evaluation. The best one is the latest of equals: at the time limit the first policy with a full score is
     /// the least trained one.
-    pub(super) fn count_evaluation(&mut self, score: &Score, solved: bool) -> Event {
+    pub(super) fn count_evaluation(&mut self, score: &Score, mean_length: f64, solved: bool) -> Event {
         let Score { episodes, mean, std, min, max, .. } = *score;
         let evaluation = Evaluation { env_steps: self.env_steps, mean };
         let best = self.best_evaluation.is_none_or(|best| mean >= best.mean);
@@ -125,7 +125,8 @@ impl Progress {
         if solved && self.solved_at_step.is_none() {
             self.solved_at_step = Some(self.env_steps);
         }
-        Event::Evaluation { env_steps: self.env_steps, episodes, mean, std, min, max, best, solved }
+        let env_steps = self.env_steps;
+        Event::Evaluation { env_steps, episodes, mean, std, min, max, mean_length, best, solved }
     }
 }
 

@@ -326,7 +326,18 @@ mod tests {
 
     fn evaluation(env_steps: u64, mean: f64) -> Event {
         let solved = mean >= 475.0;
-        Event::Evaluation { env_steps, episodes: 1, mean, std: 0.0, min: mean, max: mean, best: true, solved }
+        let (min, max, mean_length) = (mean, mean, mean);
+        Event::Evaluation {
+            env_steps,
+            episodes: 1,
+            mean,
+            std: 0.0,
+            min,
+            max,
+            mean_length,
+            best: true,
+            solved,
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::agent::{Actor, Greedy};
 use crate::draw::draw_braille;
 use crate::env::{Environment, EnvironmentError, Outcome, Spec, Start};
 
-/// Steps of a push: 0.06 s.
+/// Steps of a push.
 pub(super) const PUSH_STEPS: u32 = 3;
 
 /// An episode that a greedy policy plays, and the returns of those before it.
@@ -120,6 +120,17 @@ impl Player {
         let numbers = self.spec().observations.iter().zip(self.state());
         let lines: Vec<_> = numbers.map(|(name, value)| Line::from(format!(" {name} {value:.4}"))).collect();
         frame.render_widget(Paragraph::new(lines).block(block), area);
+    }
+
+    /// What an action is called.
+    pub(super) fn name_of(&self, action: usize) -> &str {
+        self.spec().actions.get(action).map_or("", String::as_str)
+    }
+
+    /// How the episode has ended, in words; none before its end.
+    pub(super) fn ending(&self) -> Option<&'static str> {
+        let end = self.end?;
+        Some(if end.terminated { self.environment.ending() } else { "time limit" })
     }
 
     /// What the agent sees.

@@ -13,13 +13,15 @@ use ratatui::widgets::{Block, Paragraph};
 use super::player::Player;
 use super::{FRAME, NoView, Screen, is_quit};
 use crate::agent::Greedy;
-use crate::env::{CartPole, Environment, EnvironmentError};
+use crate::env::{Environment, EnvironmentError};
 
 /// Simulated time per time; 1 is the middle.
 const SPEEDS: [f64; 9] = [0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
 /// How long the end of an episode stays.
 const REST: Duration = Duration::from_millis(1500);
-const KEYS: &str = "←/→ push  space pause  s step  n next seed  r again  +/- speed  q quit";
+const KEYS: &str = " act  space pause  s step  n next seed  r again  +/- speed  q quit";
+/// Most actions whose values are shown.
+const MAX_VALUES: usize = 6;
 
 /// Plays a policy's episodes from the seeds `seed`, `seed + 1`, … until somebody quits or `stop` is set.
 ///
@@ -127,7 +129,13 @@ impl Watch {
     fn press(&mut self, key: KeyEvent) -> Result<(), EnvironmentError> {
         match key.code {
             KeyCode::Left => self.player.push(0),
-            KeyCode::Right => self.player.push(1),
+            KeyCode::Right => self.player.push(self.player.spec().num_actions - 1),
+            KeyCode::Char(digit @ '0'..='9') => {
+                let action = digit as usize - '0' as usize;
+                if action < self.player.spec().num_actions {
+                    self.player.push(action);
+                }
+            }
             KeyCode::Char(' ') => self.paused = !self.paused,
             KeyCode::Char('s' | '.') => {
                 self.paused = true;
@@ -146,7 +154,7 @@ impl Watch {
         let [title, picture, values, returns, keys] = Layout::vertical([
             Constraint::Length(1),
             Constraint::Min(8),
-            Constraint::Length(4),
+            Constraint::Length(2 + self.shown_values() as u16),
             Constraint::Length(2),
             Constraint::Length(1),
         ])
@@ -157,21 +165,20 @@ impl Watch {
         self.player.draw(frame, picture, block);
         self.draw_values(frame, values);
         frame.render_widget(Paragraph::new(self.returns(usize::from(returns.width))), returns);
-        frame.render_widget(Line::from(KEYS).dim(), keys);
+        let digits = match self.player.spec().num_actions {
+            2 => String::new(),
+            actions => format!("/0-{}", actions.min(10) - 1),
+        };
+        frame.render_widget(Line::from(format!("←/→{digits}{KEYS}")).dim(), keys);
     }
 
     fn status(&self) -> String {
-        let Player { seed, steps, end, push, .. } = &self.player;
-        let what = match (end, push, self.paused) {
-            (Some(end), ..) if end.terminated && self.player.state()[0].abs() > CartPole::MAX_POSITION => {
-                "left the track"
-            }
-            (Some(end), ..) if end.terminated => "fell",
-            (Some(_), ..) => "stood to the end",
-            (None, Some((0, _)), _) => "◄ pushed",
-            (None, Some(_), _) => "pushed ►",
-            (None, None, true) => "paused",
-            (None, None, false) => "plays",
+        let Player { seed, steps, push, .. } = &self.player;
+        let what = match (self.player.ending(), push, self.paused) {
+            (Some(ending), ..) => ending.into(),
+            (None, Some((action, _)), _) => format!("yours: {}", self.player.name_of(*action)),
+            (None, None, true) => "paused".into(),
+            (None, None, false) => "plays".into(),
         };
         format!(
             " seed {seed} │ step {steps} of {} │ {}x │ {what} ",
@@ -181,29 +188,32 @@ impl Watch {
     }
 
     fn state(&self) -> String {
-        let [x, x_dot, angle, angle_dot] = self.player.state()[..] else { return String::new() };
-        let (angle, angle_dot) = (angle.to_degrees(), angle_dot.to_degrees());
-        format!(" x {x:+.2} m │ v {x_dot:+.2} m/s │ θ {angle:+.1}° │ ω {angle_dot:+.0}°/s ")
+        let numbers = self.player.spec().observations.iter().zip(self.player.state());
+        numbers.map(|(name, value)| format!(" {name} {value:+.3} ")).collect()
+    }
+
+    fn shown_values(&self) -> usize {
+        self.player.spec().num_actions.min(MAX_VALUES)
     }
 
     /// A bar for each action, over the range of this episode: the difference that decides is far smaller than either.
     fn draw_values(&self, frame: &mut Frame<'_>, area: Rect) {
         let (low, high) = self.q_range;
         let block = Block::bordered().title(format!(" Q-values, {low:.2} to {high:.2} in this episode "));
-        let width = usize::from(area.width).saturating_sub(2 + 29);
-        let lines = [0, 1].map(|action| {
-            let q = self.player.q_values[action];
+        let names: Vec<_> = (0..self.shown_values()).map(|action| self.player.name_of(action)).collect();
+        let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or_default();
+        let width = usize::from(area.width).saturating_sub(2 + 21 + longest);
+        let lines = names.iter().zip(&self.player.q_values).enumerate().map(|(action, (name, &q))| {
             let share = if high > low { (q - low) / (high - low) } else { 1.0 };
             let chosen = action == self.player.action;
-            let name = if action == 0 { " left ◄" } else { " right ►" };
             let bar = Span::from(bar(share, width));
             Line::from(vec![
-                format!("{name:<9}{q:>9.2} ").into(),
+                format!(" {name:<longest$}{q:>10.2} ").into(),
                 if chosen { bar.green() } else { bar.dim() },
                 if chosen { " ◆ chosen".bold() } else { Span::default() },
             ])
         });
-        frame.render_widget(Paragraph::new(lines.to_vec()).block(block), area);
+        frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()).block(block), area);
     }
 
     fn returns(&self, width: usize) -> Vec<Line<'_>> {
@@ -215,7 +225,8 @@ impl Watch {
         let latest = returns.iter().rev().take(width.saturating_sub(24) / 5);
         let latest: String =
             latest.map(|(total, pushed)| format!(" {total}{}", if *pushed { "*" } else { "" })).collect();
-        let marked = if returns.iter().any(|(_, pushed)| *pushed) { "   * with a push" } else { "" };
+        let marked =
+            if returns.iter().any(|(_, pushed)| *pushed) { "   * with actions of yours" } else { "" };
         vec![
             Line::from(format!("returns, latest first:{latest}")),
             Line::from(format!("mean {mean:.1} of {} episodes{marked}", returns.len())),
@@ -235,6 +246,7 @@ fn bar(share: f32, width: usize) -> String {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::env::CartPole;
     use crate::view::tests::{policy, text};
 
     fn view() -> Watch {
@@ -303,7 +315,7 @@ mod tests {
         view.advance(Duration::from_millis(100)).unwrap();
         let screen = shown(&view);
         let lines: Vec<&str> =
-            screen.lines().filter(|line| line.contains("left ◄") || line.contains("right ►")).collect();
+            screen.lines().filter(|line| line.contains("│ left ") || line.contains("│ right ")).collect();
         assert_eq!(lines.len(), 2, "{screen}");
         for (action, line) in lines.iter().enumerate() {
             assert_eq!(line.contains("◆ chosen"), action == view.player.action, "{screen}");
@@ -311,9 +323,9 @@ mod tests {
         }
         assert!(screen.contains("watch runs/x") && screen.contains("returns: none yet"));
         press(&mut view, KeyCode::Left);
-        assert!(shown(&view).contains("◄ pushed"));
+        assert!(shown(&view).contains("yours: left"));
         press(&mut view, KeyCode::Right);
-        assert!(shown(&view).contains("pushed ►"));
+        assert!(shown(&view).contains("yours: right"));
     }
 
     #[test]

@@ -97,9 +97,9 @@ const pixels = id => {
 };
 
 async function checkPolicy(page) {
-  const picture = () => page.evaluate(() => document.getElementById('cart').toDataURL());
+  const picture = () => page.evaluate(() => document.getElementById('scene').toDataURL());
   const step = async () => Number((await page.textContent('#readout')).match(/^step (\d+) of \d+/)[1]);
-  assert(await page.evaluate(pixels, 'cart') >= 4, 'nothing is drawn of the cart');
+  assert(await page.evaluate(pixels, 'scene') >= 4, 'nothing is drawn of the environment');
   assert(await page.evaluate(pixels, 'map') > 100, 'the map is empty');
   assert.equal(await step(), 0);
   const still = await picture();
@@ -118,13 +118,13 @@ async function checkPolicy(page) {
 
   await page.locator('#scrub').focus();
   await page.keyboard.press('End');
-  assert.match(await page.textContent('#readout'), /the end: return \d+/);
+  assert.match(await page.textContent('#readout'), /the end: return −?\d+/);
   assert.notEqual(await picture(), paused[1], 'does not follow the scrub bar');
   await page.keyboard.press('Home');
   assert.equal(await picture(), still);
 
   await page.locator('#map').hover({ position: { x: 120, y: 60 } });
-  assert.match(await page.textContent('#value'), /°\/s: pushes (left|right), action gap \d/);
+  assert.match(await page.textContent('#value'), /°\/s: (left|right) is best, action gap \d/);
 }
 
 async function check(page, { name, plots, policy, text = [] }, { width, scheme }) {

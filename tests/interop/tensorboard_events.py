@@ -24,7 +24,7 @@ TAGS = {
     "train/n_updates": ("episode", "updates"),
     "train/learning_rate": ("episode", None),
     "eval/mean_reward": ("evaluation", "mean"),
-    "eval/mean_ep_length": ("evaluation", "mean"),
+    "eval/mean_ep_length": ("evaluation", "mean_length"),
     "eval/std_reward": ("evaluation", "std"),
     "eval/min_reward": ("evaluation", "min"),
     "eval/max_reward": ("evaluation", "max"),

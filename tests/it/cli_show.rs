@@ -27,7 +27,7 @@ refusals! {
     refuses_to_watch_what_is_no_checkpoint:
         [("x", b"hello")], ["watch", "--checkpoint", "x"] => ["x", "not a safetensors file"];
     refuses_a_picture_of_no_steps:
-        [], ["render", "--checkpoint", "x", "-o", "x.gif", "--steps", "0"] => ["--steps", "from 1 to 500"];
+        [], ["render", "--checkpoint", "x", "-o", "x.gif", "--steps", "0"] => ["--steps", "from 1 to 1000000"];
 }
 
 #[test]

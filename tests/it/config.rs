@@ -37,7 +37,7 @@ fn the_default_is_the_documented_plain_dqn() {
     let documented = json!({
         "seed": 0,
         "environment": "CartPole-v1",
-        "max_episode_steps": 500,
+        "max_episode_steps": null,
         "network": {"hidden": [24, 24], "init": "torch"},
         "optimizer": {
             "learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8,

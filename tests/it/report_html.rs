@@ -36,7 +36,7 @@ fn the_page_of_a_run_needs_nothing_else_and_leaves_the_run_as_it_is() {
     assert!(page == sandbox.read("two.html"), "the same run gives the same page");
     assert!(before.iter().all(|(path, content)| sandbox.files().get(path) == Some(content)));
     let summary = sandbox.json("run/summary.json");
-    for shown in ["Learning curve", "id=\"cart\"", "id=\"map\"", summary["weights_sha256"].as_str().unwrap()]
+    for shown in ["Learning curve", "id=\"scene\"", "id=\"map\"", summary["weights_sha256"].as_str().unwrap()]
     {
         assert!(page.contains(shown), "{shown}");
     }
@@ -69,8 +69,8 @@ fn the_policy_in_the_page_is_the_one_that_eval_plays() {
         }
     }
     let portrait = &page["runs"][0]["portrait"];
-    let size = portrait["size"].as_u64().unwrap();
-    assert_eq!(portrait["preference"].as_array().unwrap().len() as u64, size * size);
+    let size = portrait["map"]["size"].as_u64().unwrap();
+    assert_eq!(portrait["map"]["best"].as_array().unwrap().len() as u64, size * size);
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn a_run_without_a_checkpoint_still_has_a_page() {
     fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
     sandbox.run(&["report", "run", "--html", "page.html"]).success();
     let page = sandbox.read("page.html");
-    assert!(page.contains("no checkpoint") && !page.contains("id=\"cart\""));
+    assert!(page.contains("no checkpoint") && !page.contains("id=\"scene\""));
     sandbox.write("run/checkpoints/best.safetensors", "damaged");
     sandbox.refuses(&["report", "run", "--html", "other.html"], &["best.safetensors", "damaged"]);
 }

@@ -4,9 +4,6 @@ const element = id => document.getElementById(id);
 if (element('policy')) show(runs.filter(run => run.portrait));
 
 function show(runs) {
-  const ANGLES = [-10, -5, 0, 5, 10];
-  const VELOCITIES = [-100, -50, 0, 50, 100];
-  const DEGREES = 180 / Math.PI;
   let policy = runs[0].portrait;
   // The moment that is shown, in steps; between two steps the drawing is interpolated.
   let moment = 0;
@@ -15,7 +12,9 @@ function show(runs) {
 
   const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const last = () => policy.episode.actions.length;
-  const shown = value => value.toFixed(Math.abs(value) < 10 ? 2 : 1).replace('-', '−');
+  // Values of a small range need more digits.
+  const shown = (value, range = 100) =>
+    value.toFixed(range < 1 ? 4 : Math.abs(value) < 10 ? 2 : 1).replace('-', '−');
 
   // The context of a canvas in CSS pixels, whatever the screen's.
   function context(canvas) {
@@ -37,7 +36,7 @@ function show(runs) {
 
   // The shapes of a 600 × 400 picture, whose heights count upwards; without a picture the numbers of the state.
   function drawScene() {
-    const { drawing, width } = context(element('cart'));
+    const { drawing, width } = context(element('scene'));
     drawing.scale(width / 600, width / 600);
     drawing.lineWidth = 1;
     const { shapes, state } = policy.episode;
@@ -61,38 +60,87 @@ function show(runs) {
     }
   }
 
+  const ACTION_COLOURS = ['--left', '--action-1', '--action-2', '--action-3', '--right'];
+  // The first action has the colour of "left", the last that of "right".
+  function colour(action) {
+    const isLast = action > 0 && action === policy.actions.length - 1;
+    return style(isLast ? '--right' : ACTION_COLOURS[action % ACTION_COLOURS.length]);
+  }
+
   // The map as an image of its own, until the policy or the colours change.
   let image = null;
   const opacity = share => 0.08 + 0.92 * Math.min(share, 1);
 
   function renderMap() {
+    const { size, best, gap } = policy.map;
     // The gap at which a colour is full: that of 95 % of the map.
-    const gaps = policy.preference.map(Math.abs).sort((a, b) => a - b);
-    const full = gaps[Math.floor(0.95 * (gaps.length - 1))] || 1;
-    const { size, preference } = policy;
+    const full = [...gap].sort((a, b) => a - b)[Math.floor(0.95 * (gap.length - 1))] || 1;
     image = document.createElement('canvas');
     image.width = image.height = size;
     const drawing = image.getContext('2d');
     const pixels = drawing.createImageData(size, size);
-    const colours = ['--left', '--right'].map(name => style(name).split(',').map(Number));
-    preference.forEach((value, i) => {
-      // The first row is the smallest velocity, at the bottom.
+    const colours = policy.actions.map((_, action) => colour(action).split(',').map(Number));
+    best.forEach((action, i) => {
+      // The first row is the smallest value, at the bottom.
       const pixel = 4 * ((size - 1 - Math.floor(i / size)) * size + (i % size));
-      pixels.data.set([...colours[value < 0 ? 0 : 1], 255 * opacity(Math.abs(value) / full)], pixel);
+      pixels.data.set([...colours[action], 255 * opacity(gap[i] / full)], pixel);
     });
     drawing.putImageData(pixels, 0, 0);
   }
 
   const MARGIN = { left: 48, right: 8, top: 8, bottom: 38 };
-  const mapPlace = (angle, velocity, width, height) => [
-    MARGIN.left + (angle / policy.max_angle + 1) / 2 * (width - MARGIN.left - MARGIN.right),
-    MARGIN.top + (1 - velocity / policy.max_velocity) / 2 * (height - MARGIN.top - MARGIN.bottom),
+  const share = (value, { low, high }) => (value - low) / (high - low);
+  const mapPlace = (x, y, width, height) => [
+    MARGIN.left + share(x, policy.map.axes[0]) * (width - MARGIN.left - MARGIN.right),
+    MARGIN.top + (1 - share(y, policy.map.axes[1])) * (height - MARGIN.top - MARGIN.bottom),
   ];
 
+  // Round numbers within an axis, at most seven.
+  function ticks({ low, high }) {
+    const least = (high - low) / 6;
+    const power = 10 ** Math.floor(Math.log10(least));
+    const step = [1, 2, 5, 10].map(factor => factor * power).find(step => step >= least);
+    const numbers = [];
+    for (let i = Math.ceil(low / step); i <= Math.floor(high / step); i++) numbers.push(Number((i * step).toPrecision(6)));
+    return numbers;
+  }
+
+  // Degrees stand at every number, another unit behind the name of the axis.
+  const tickText = (value, { unit }) => String(value).replace('-', '−') + (unit === '°' ? unit : '');
+  const axisTitle = ({ name, unit }) => (unit && unit !== '°' ? `${name}, ${unit.trim()}` : name);
+
+  // Whether an angle went past ±180° between two values of an axis.
+  const isJump = (a, b, { low, high }) => Math.abs(b - a) > (high - low) / 2;
+
+  function drawTrail(drawing, width, height) {
+    const { trail: [xs, ys], axes } = policy.map;
+    drawing.strokeStyle = style('--ink');
+    drawing.globalAlpha = 0.4;
+    drawing.beginPath();
+    xs.forEach((x, i) => {
+      const jumps = i > 0 && (isJump(xs[i - 1], x, axes[0]) || isJump(ys[i - 1], ys[i], axes[1]));
+      drawing[jumps ? 'moveTo' : 'lineTo'](...mapPlace(x, ys[i], width, height));
+    });
+    drawing.stroke();
+    drawing.globalAlpha = 1;
+    const step = Math.min(Math.floor(moment), last());
+    const now = [xs, ys].map((series, i) =>
+      isJump(series[step], series[Math.min(step + 1, last())], axes[i]) ? series[step] : between(series));
+    drawing.fillStyle = style('--ink');
+    drawing.strokeStyle = style('--paper');
+    drawing.lineWidth = 2;
+    drawing.beginPath();
+    drawing.arc(...mapPlace(...now, width, height), 6, 0, 2 * Math.PI);
+    drawing.fill();
+    drawing.stroke();
+  }
+
   function drawMap() {
+    if (!policy.map) return;
     const { drawing, width, height } = context(element('map'));
-    const [left, top] = mapPlace(-policy.max_angle, policy.max_velocity, width, height);
-    const [right, bottom] = mapPlace(policy.max_angle, -policy.max_velocity, width, height);
+    const [horizontal, vertical] = policy.map.axes;
+    const [left, top] = mapPlace(horizontal.low, vertical.high, width, height);
+    const [right, bottom] = mapPlace(horizontal.high, vertical.low, width, height);
     if (!image) renderMap();
     drawing.drawImage(image, left, top, right - left, bottom - top);
     drawing.font = '12px system-ui, sans-serif';
@@ -101,53 +149,42 @@ function show(runs) {
     drawing.lineWidth = 1;
     drawing.strokeRect(left, top, right - left, bottom - top);
     drawing.textAlign = 'center';
-    for (const degrees of ANGLES) {
-      const [x] = mapPlace(degrees / DEGREES, 0, width, height);
-      drawing.fillText(String(degrees).replace('-', '−') + '°', x, bottom + 15);
+    for (const value of ticks(horizontal)) {
+      const [x] = mapPlace(value, vertical.low, width, height);
+      drawing.fillText(tickText(value, horizontal), x, bottom + 15);
     }
-    drawing.fillText('pole angle', (left + right) / 2, bottom + 31);
+    drawing.fillText(axisTitle(horizontal), (left + right) / 2, bottom + 31);
     drawing.textAlign = 'right';
-    for (const velocity of VELOCITIES) {
-      const [, y] = mapPlace(0, velocity / DEGREES, width, height);
-      drawing.fillText(String(velocity).replace('-', '−'), left - 5, y + 4);
+    for (const value of ticks(vertical)) {
+      const [, y] = mapPlace(horizontal.low, value, width, height);
+      drawing.fillText(tickText(value, vertical), left - 5, y + 4);
     }
     drawing.save();
     drawing.translate(12, (top + bottom) / 2);
     drawing.rotate(-Math.PI / 2);
     drawing.textAlign = 'center';
-    drawing.fillText('angular velocity, °/s', 0, 0);
+    drawing.fillText(axisTitle(vertical), 0, 0);
     drawing.restore();
 
-    const [, , angles, velocities] = policy.episode.state;
     drawing.save();
     drawing.beginPath();
     drawing.rect(left, top, right - left, bottom - top);
     drawing.clip();
-    drawing.strokeStyle = style('--ink');
-    drawing.globalAlpha = 0.4;
-    drawing.beginPath();
-    angles.forEach((angle, i) => drawing.lineTo(...mapPlace(angle, velocities[i], width, height)));
-    drawing.stroke();
-    drawing.globalAlpha = 1;
-    const [x, y] = mapPlace(between(angles), between(velocities), width, height);
-    drawing.fillStyle = style('--ink');
-    drawing.strokeStyle = style('--paper');
-    drawing.lineWidth = 2;
-    drawing.beginPath();
-    drawing.arc(x, y, 6, 0, 2 * Math.PI);
-    drawing.fill();
-    drawing.stroke();
+    drawTrail(drawing, width, height);
     drawing.restore();
   }
 
+  // A name and a scale for each action. Of two actions the second scale is the mirror image of the first.
   function drawColours() {
-    const { drawing, width, height } = context(element('colours'));
-    const columns = Math.max(1, Math.floor(width));
-    for (let i = 0; i < columns; i++) {
-      const share = 2 * i / columns - 1;
-      drawing.fillStyle = `rgba(${style(share < 0 ? '--left' : '--right')}, ${opacity(Math.abs(share))})`;
-      drawing.fillRect(i, 0, 1, height);
-    }
+    const scales = policy.actions.map((name, action) => {
+      const isMirrored = policy.actions.length === 2 && action === 1;
+      const [label, scale] = [document.createElement('span'), document.createElement('i')];
+      label.textContent = name;
+      const [faint, full] = [0, 1].map(share => `rgba(${colour(action)}, ${opacity(share)})`);
+      scale.style.background = `linear-gradient(to ${isMirrored ? 'right' : 'left'}, ${faint}, ${full})`;
+      return isMirrored ? [scale, label] : [label, scale];
+    });
+    element('colours').replaceChildren(...scales.flat());
   }
 
   const expected = values => values.map((value, i) => `${policy.actions[i]} ${shown(value)}`).join(', ');
@@ -157,12 +194,11 @@ function show(runs) {
     drawMap();
     const step = Math.floor(moment);
     element('scrub').value = step;
-    const { actions, q_values, state } = policy.episode;
-    const [, , angles] = state;
+    const { actions, q_values, total, ending } = policy.episode;
     const time = `step ${step} of ${last()}, ${(step / policy.steps_per_second).toFixed(2)} s`;
     const doing = step < actions.length
-      ? `pushes ${policy.actions[actions[step]]}; expected return: ${expected(q_values[step])}`
-      : `the end: return ${actions.length}${Math.abs(angles[last()]) > policy.max_angle ? ', the pole fell' : ''}`;
+      ? `takes ${policy.actions[actions[step]]}; expected return: ${expected(q_values[step])}`
+      : `the end: return ${String(total).replace('-', '−')}${ending && `, ${ending}`}`;
     element('readout').textContent = `${time} — ${doing}`;
   }
 
@@ -194,6 +230,7 @@ function show(runs) {
     const when = policy.env_steps === null ? '' : ` after ${policy.env_steps} steps of training`;
     element('source').textContent =
       `${run.name}: ${policy.checkpoint}${when}. The episode is the one from seed ${policy.episode.seed}, the first that eval plays.`;
+    element('plane').hidden = element('plane-note').hidden = !policy.map;
     element('value').textContent = 'Point at the map to read its values.';
     drawColours();
     draw();
@@ -206,16 +243,17 @@ function show(runs) {
   });
   element('map').addEventListener('pointermove', event => {
     const { left, top, width, height } = element('map').getBoundingClientRect();
-    const { size, max_angle, max_velocity, preference } = policy;
-    const share = (value, low, high) => (value - low) / (high - low);
-    const column = Math.round(share(event.clientX - left, MARGIN.left, width - MARGIN.right) * (size - 1));
-    const row = Math.round((1 - share(event.clientY - top, MARGIN.top, height - MARGIN.bottom)) * (size - 1));
+    const { size, axes, best, gap } = policy.map;
+    const index = (value, low, high) => Math.round(share(value, { low, high }) * (size - 1));
+    const column = index(event.clientX - left, MARGIN.left, width - MARGIN.right);
+    const row = index(event.clientY - top, height - MARGIN.bottom, MARGIN.top);
     if (column < 0 || row < 0 || column >= size || row >= size) return;
-    const gap = preference[row * size + column];
-    const angle = (2 * column / (size - 1) - 1) * max_angle * DEGREES;
-    const velocity = (2 * row / (size - 1) - 1) * max_velocity * DEGREES;
-    element('value').textContent =
-      `${shown(angle)}°, ${shown(velocity)} °/s: pushes ${policy.actions[gap > 0 ? 1 : 0]}, action gap ${shown(Math.abs(gap))}`;
+    const [x, y] = [column, row].map((i, axis) => {
+      const { low, high, unit } = axes[axis];
+      return shown(low + (high - low) * i / (size - 1), high - low) + unit;
+    });
+    const point = row * size + column;
+    element('value').textContent = `${x}, ${y}: ${policy.actions[best[point]]} is best, action gap ${shown(gap[point])}`;
   });
 
   if (runs.length > 1) {
@@ -228,7 +266,7 @@ function show(runs) {
     drawColours();
     draw();
   };
-  new ResizeObserver(redraw).observe(element('cart'));
+  new ResizeObserver(redraw).observe(element('scene'));
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', redraw);
   choose(runs[0]);
 }
