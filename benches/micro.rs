@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::catalogue::EnvironmentId;
-use cartpole_dqn::env::{CartPole, Environment, EnvironmentError, Start};
+use cartpole_dqn::env::{Acrobot, CartPole, Environment, EnvironmentError, MountainCar, Start};
 use cartpole_dqn::nn::kernels::{AdamCoefficients, InstructionSet, Kernels, reference, scratch_len};
 use cartpole_dqn::nn::{Activations, Mlp};
 use cartpole_dqn::rng::Rng;
@@ -248,11 +248,27 @@ fn assert_physics_of_gymnasium() {
 #[divan::bench]
 fn environment_step(bencher: Bencher) {
     assert_physics_of_gymnasium();
-    let (mut environment, mut rng) = (CartPole::default(), Rng::from_seed(0));
-    let mut observation = [0.0; 4];
+    random_play(bencher, CartPole::default());
+}
+
+/// tests/it/golden_tasks.rs compares these two with Gymnasium.
+#[divan::bench]
+fn environment_step_acrobot(bencher: Bencher) {
+    random_play(bencher, Acrobot::default());
+}
+
+#[divan::bench]
+fn environment_step_mountain_car(bencher: Bencher) {
+    random_play(bencher, MountainCar::default());
+}
+
+fn random_play(bencher: Bencher, mut environment: impl Environment) {
+    let mut rng = Rng::from_seed(0);
+    let actions = environment.spec().num_actions as u64;
+    let mut observation = vec![0.0; environment.spec().observation_size];
     environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
     bencher.bench_local(|| {
-        let outcome = environment.step(rng.below(2) as usize, &mut observation).unwrap();
+        let outcome = environment.step(rng.below(actions) as usize, &mut observation).unwrap();
         if outcome.terminated {
             environment.reset(Start::Stream(&mut rng), &mut observation).unwrap();
         }

@@ -1,10 +1,11 @@
-//! Deep Q-learning by hand, reproducible to the last bit; its first task is CartPole-v1.
+//! Deep Q-learning by hand, reproducible to the last bit; its tasks are Gymnasium's CartPole-v1, Acrobot-v1 and
+//! MountainCar-v0.
 //!
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`rng`] | one seed, one stream of random numbers per consumer |
 //! | [`mirror`], [`memory`] | the mirror image of a task; whether there is enough memory |
-//! | [`env`](mod@env) | environments: the cart and the pole, the time limit, and which names a config knows |
+//! | [`env`](mod@env) | environments: CartPole, Acrobot and MountainCar, the time limit, and which names a config knows |
 //! | [`nn`] | network, backpropagation, losses, Adam, and their kernels |
 //! | [`tensors`] | named tensors as safetensors bytes |
 //! | [`agent`] | agents, of which DQN is one, and the policies that they make |

@@ -30,7 +30,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use crate::nn::kernels;
 use ui::{Failure, escaped, say};
 
-/// Trains Deep Q-Learning agents on CartPole-v1, reproducibly to the last bit.
+/// Trains Deep Q-Learning agents on CartPole-v1 and other tasks, reproducibly to the last bit.
 ///
 /// Exit codes: 0 done; 1 tried and failed, or below --min-mean; 2 wrong usage or bad input; 130 or 143 stopped by a signal.
 #[derive(Debug, Parser)]

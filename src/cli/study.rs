@@ -57,7 +57,7 @@ pub(super) struct Arguments {
     /// How many trials run at the same time [default: one per CPU]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::ui::integer::<1, 4096>)]
     jobs: Option<u64>,
-    /// Also play every policy for up to 20,000 steps, which shows a cart that drifts away slowly
+    /// Also play every policy for up to 20,000 steps, which shows a cart that drifts away slowly; only CartPole's episodes can last so long
     #[arg(long)]
     endurance: bool,
     /// Show no progress and no result

@@ -57,7 +57,7 @@ pub(super) struct Arguments {
     /// Show the run in the terminal while it trains: learning curve, diagnostics, the latest policy at play
     #[arg(long, conflicts_with = "quiet")]
     live: bool,
-    /// With --live: train at most at this multiple of simulated time (50 steps a second), for example 5x
+    /// With --live: train at most at this multiple of simulated time (CartPole: 50 steps a second), for example 5x
     /// [default: full speed]
     #[arg(long, value_name = "FACTOR", requires = "live", allow_negative_numbers = true)]
     pace: Option<Pace>,

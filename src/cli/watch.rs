@@ -15,8 +15,8 @@ use crate::view;
 ///
 /// The arrow keys take the first and the last action, for CartPole a push to the left and to the right; the digits take the
 /// action of their number, from 0. Such an action replaces the policy's for 3 steps, and a key that is held down keeps acting.
-/// Time runs at the environment's speed, 50 steps a second for CartPole. The keys + and - change the speed, space pauses, s makes one step, n plays the
-/// next seed, r plays the same episode again, q quits.
+/// Time runs at the environment's speed, 50 steps a second for CartPole. The keys + and - change it, space pauses, s makes one
+/// step, n plays the next seed, r plays the same episode again, q quits.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn watch runs/my-run")]
 pub(super) struct Arguments {

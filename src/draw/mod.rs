@@ -65,7 +65,7 @@ impl<'a> Placed<'a> {
         match &self.shape.outline {
             Outline::Polygon(corners) => is_inside(point, corners),
             Outline::Circle(radius) => point.0 * point.0 + point.1 * point.1 < radius * radius,
-            Outline::Line(points) => points.windows(2).any(|ends| distance(point, ends[0], ends[1]) < 0.5),
+            Outline::Line(points) => points.windows(2).any(|ends| is_on_line(point, ends[0], ends[1])),
         }
     }
 }
@@ -77,6 +77,12 @@ fn is_inside((x, y): (f64, f64), corners: &[(f64, f64)]) -> bool {
         (a.1 > y) != (b.1 > y) && x < a.0 + (b.0 - a.0) * (y - a.1) / (b.1 - a.1)
     };
     corners.iter().zip(next).filter(crosses).count() % 2 == 1
+}
+
+/// Whether a point lies on the line between `a` and `b`. Most points lie far beside it, which takes no root to see.
+fn is_on_line(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
+    let is_beside = |at: f64, a: f64, b: f64| at < a.min(b) - 0.5 || at > a.max(b) + 0.5;
+    !is_beside(point.0, a.0, b.0) && !is_beside(point.1, a.1, b.1) && distance(point, a, b) < 0.5
 }
 
 /// The distance of a point from the line between `a` and `b`.

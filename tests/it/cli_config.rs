@@ -70,7 +70,7 @@ fn the_schema_has_the_meaning_and_the_default_of_every_key() {
 #[test]
 fn shipped_configs_name_the_schema() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let files = ["cartpole", "fast", "plain", "smoke", "tutorial", "studies/base"];
+    let files = ["cartpole", "fast", "plain", "smoke", "tutorial", "acrobot", "mountain_car", "studies/base"];
     for file in files.map(|name| root.join(format!("configs/{name}.json"))) {
         let config: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
         let schema = file.parent().unwrap().join(config["$schema"].as_str().unwrap());

@@ -121,3 +121,48 @@ fn no_return_of_a_recording_is_outside_of_the_range_that_the_task_declares() {
         }
     }
 }
+
+/// Whoever draws an episode takes its first scene's shapes and moves them.
+#[test]
+fn all_scenes_of_an_episode_have_the_same_shapes_and_few_colors() {
+    for name in EnvironmentId::NAMES {
+        let mut environment = EnvironmentId::from_name(name).unwrap().make(100).unwrap();
+        let mut observation = vec![0.0; environment.spec().observation_size];
+        environment.reset(Start::Seed(1), &mut observation).unwrap();
+        let actions = environment.spec().num_actions;
+        let shapes = |environment: &dyn Environment| -> Vec<_> {
+            let scene = environment.scene().unwrap();
+            scene.shapes.into_iter().map(|shape| (shape.outline, shape.color)).collect()
+        };
+        let first = shapes(&*environment);
+        let mut colors: Vec<_> = first.iter().map(|(_, color)| color.rgb()).collect();
+        colors.sort_unstable();
+        colors.dedup();
+        assert!(colors.len() <= 5, "{name}");
+        for step in 0..100 {
+            let ended = environment.step(step / 7 % actions, &mut observation).unwrap().ended();
+            assert_eq!(shapes(&*environment), first, "{name}, step {step}");
+            if ended {
+                break;
+            }
+        }
+    }
+}
+
+/// A page writes values of both axes into an observation, and reads where an episode is out of others.
+#[test]
+fn what_a_map_writes_into_an_observation_it_reads_again() {
+    for name in EnvironmentId::NAMES {
+        let spec = EnvironmentId::from_name(name).unwrap().spec();
+        for axis in spec.map.unwrap() {
+            let (low, high) = axis.range;
+            for share in [0.01, 0.3, 0.5, 0.99] {
+                let value = low + share * (high - low);
+                let mut observation = vec![0.0; spec.observation_size];
+                axis.write(value, &mut observation);
+                let read = axis.read(&observation);
+                assert!((read - value).abs() < 1e-5 * (high - low), "{name}, {}: {read} for {value}", axis.name);
+            }
+        }
+    }
+}

@@ -8,6 +8,8 @@ mod cli_config;
 mod cli_eval;
 mod cli_runs;
 mod cli_show;
+#[cfg(unix)]
+mod cli_tasks;
 mod cli_tensorboard;
 mod cli_train;
 mod config;
