@@ -36,7 +36,7 @@ static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
         observation: [1.0, -1.0, 1.0, -1.0, -1.0, -1.0].into_iter().enumerate().collect(),
         actions: vec![2, 1, 0],
     }),
-    map: Some([(0, "angle of the upper link"), (2, "angle of the lower link against it")].map(
+    map: Some([(0, "angle of the upper link"), (2, "angle of the lower link")].map(
         |(cos, name)| MapAxis {
             name: name.into(),
             unit: "°".into(),

@@ -161,7 +161,11 @@ fn what_a_map_writes_into_an_observation_it_reads_again() {
                 let mut observation = vec![0.0; spec.observation_size];
                 axis.write(value, &mut observation);
                 let read = axis.read(&observation);
-                assert!((read - value).abs() < 1e-5 * (high - low), "{name}, {}: {read} for {value}", axis.name);
+                assert!(
+                    (read - value).abs() < 1e-5 * (high - low),
+                    "{name}, {}: {read} for {value}",
+                    axis.name
+                );
             }
         }
     }

@@ -88,7 +88,7 @@ function show(runs) {
     drawing.putImageData(pixels, 0, 0);
   }
 
-  const MARGIN = { left: 48, right: 8, top: 8, bottom: 38 };
+  const MARGIN = { left: 58, right: 8, top: 8, bottom: 38 };
   const share = (value, { low, high }) => (value - low) / (high - low);
   const mapPlace = (x, y, width, height) => [
     MARGIN.left + share(x, policy.map.axes[0]) * (width - MARGIN.left - MARGIN.right),
