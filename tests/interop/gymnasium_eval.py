@@ -1,4 +1,4 @@
-"""Plays a checkpoint in Gymnasium's CartPole-v1 with NumPy and requires what `cartpole-dqn eval` reports.
+"""Plays a checkpoint in Gymnasium's environment of its name with NumPy and requires what `cartpole-dqn eval` reports.
 
 Every step of the trace is checked on its own: Gymnasium and NumPy, put into its state, must give its Q-values and its
 next state. Then Gymnasium plays every episode freely, from the same seed, and must take the same actions to the same
@@ -25,7 +25,6 @@ from safetensors.numpy import load_file
 # Relative to max(1, |value|). A single step may differ in the last bits alone.
 TOLERANCE = 1e-6
 STEP_TOLERANCE = 1e-14
-SOLVED_MEAN = 475.0
 SOLVED_EPISODES = 100
 MAX_PARTED_PER_100 = 2
 
@@ -50,11 +49,20 @@ def load_policy(path):
     return policy
 
 
-def reward_scale(path):
-    """By what `eval --trace` divides the network's output, so that Q-values are in units of CartPole's rewards."""
+def task_of(path):
+    """The environment, and by what `eval --trace` divides the network's output, so that Q-values are in units of its rewards."""
     with safe_open(path, framework="numpy") as file:
         header = (file.metadata() or {}).get("cartpole-dqn")
-    return json.loads(header)["config"].get("reward_scale", 1.0) if header else 1.0
+    config = json.loads(header)["config"] if header else {}
+    return config.get("environment", "CartPole-v1"), config.get("reward_scale", 1.0)
+
+
+def observe(env, state):
+    """What an agent sees in a state."""
+    if env.spec.id != "Acrobot-v1":
+        return np.float32(state)
+    env.unwrapped.state = np.array(state)
+    return env.unwrapped._get_ob()
 
 
 def q_values(policy, observations):
@@ -95,8 +103,8 @@ def check_trace(trace, episode, seed, total_return):
     # Divided by the reward scale, two Q-values that differ in the last bit can become the same.
     greedy = all(s["q_values"][s["action"]] == max(s["q_values"]) for s in trace)
     require(greedy, f"{where}: an action is not the greedy one")
-    require(all(s["reward"] == 1.0 for s in trace), f"{where}: a reward is not 1")
-    require(len(trace) == total_return, f"{where}: {len(trace)} steps, but a return of {total_return}")
+    rewards = sum(s["reward"] for s in trace)
+    require(rewards == total_return, f"{where}: rewards of {rewards}, but a return of {total_return}")
     *before, last = (s["terminated"] or s["truncated"] for s in trace)
     require(last and not any(before), f"{where}: does not end with its last step")
 
@@ -106,7 +114,7 @@ def check_each_step(env, policy, scale, seed, trace):
     initial_state = env.unwrapped.state.tolist()
     require(trace[0]["state"] == initial_state, f"seed {seed}: starts in {trace[0]['state']}, not {initial_state}")
 
-    qs = q_values(policy, np.array([s["state"] for s in trace], dtype=np.float32)) / scale
+    qs = q_values(policy, np.array([observe(env, s["state"]) for s in trace])) / scale
     for step, (theirs, after, q) in enumerate(zip(trace, [*trace[1:], None], qs)):
         where = f"seed {seed}, step {step}"
         require(close(q, theirs["q_values"]), f"{where}: Q-values {theirs['q_values']}, in NumPy {q.tolist()}")
@@ -115,7 +123,7 @@ def check_each_step(env, policy, scale, seed, trace):
         _, *ours = env.step(theirs["action"])
         outcome = [theirs["reward"], theirs["terminated"], theirs["truncated"]]
         require(ours[:3] == outcome, f"{where}: (reward, terminated, truncated) {outcome}, in Gymnasium {ours[:3]}")
-        state = env.unwrapped.state
+        state = np.array(env.unwrapped.state)
         require(
             after is None or close(state, after["state"], STEP_TOLERANCE),
             f"{where}: leads to {after and after['state']}, in Gymnasium to {state.tolist()}",
@@ -127,7 +135,7 @@ def play_freely(env, policy, scale, seed, trace):
     observation, _ = env.reset(seed=seed)
     drifted = False
     for step, theirs in enumerate(trace):
-        state = env.unwrapped.state
+        state = np.array(env.unwrapped.state)
         (q,) = q_values(policy, observation[None])
         drifted = drifted or not (close(state, theirs["state"]) and close(q / scale, theirs["q_values"]))
 
@@ -144,7 +152,7 @@ def play_freely(env, policy, scale, seed, trace):
     return False, drifted
 
 
-def check_summary(summary, arguments):
+def check_summary(summary, arguments, threshold):
     returns = np.array(summary["returns"], dtype=np.float64)
     expected = {
         "mean": returns.mean(),
@@ -158,17 +166,17 @@ def check_summary(summary, arguments):
     require(len(returns) == arguments.episodes, f"{len(returns)} returns for {arguments.episodes} episodes")
     for name, value in expected.items():
         require(np.isclose(summary[name], value, rtol=1e-9, atol=1e-9), f"{name} is {summary[name]}, in NumPy {value}")
-    solved = bool(returns.mean() >= SOLVED_MEAN and len(returns) >= SOLVED_EPISODES)
+    solved = bool(returns.mean() >= threshold and len(returns) >= SOLVED_EPISODES)
     require(summary["solved"] is solved, f"solved is {summary['solved']} with a mean of {returns.mean()}")
 
 
 def compare(arguments):
-    policy, scale = load_policy(arguments.checkpoint), reward_scale(arguments.checkpoint)
+    policy, (name, scale) = load_policy(arguments.checkpoint), task_of(arguments.checkpoint)
+    env = gymnasium.make(name)
     summary, traces = run_eval(arguments)
-    check_summary(summary, arguments)
+    check_summary(summary, arguments, env.spec.reward_threshold)
     require(len(traces) == arguments.episodes, f"the trace has {len(traces)} episodes, not {arguments.episodes}")
 
-    env = gymnasium.make("CartPole-v1")
     outcomes = []
     for episode, (trace, total_return) in enumerate(zip(traces, summary["returns"])):
         seed = arguments.seed + episode
@@ -182,7 +190,7 @@ def compare(arguments):
     print(f"{len(traces)} episodes, {steps} steps, mean return {mean:.2f}: {parted} parted, {drifted} drifted")
     require(100 * parted <= MAX_PARTED_PER_100 * arguments.episodes, f"{parted} episodes parted")
     if arguments.expect:
-        require((mean >= SOLVED_MEAN) == (arguments.expect == "solved"), f"expected {arguments.expect}")
+        require((mean >= env.spec.reward_threshold) == (arguments.expect == "solved"), f"expected {arguments.expect}")
 
 
 def main():
@@ -191,7 +199,7 @@ def main():
     parser.add_argument("--checkpoint", required=True, type=Path, help="a .safetensors file that it wrote")
     parser.add_argument("--episodes", type=int, default=100, help="default: %(default)s")
     parser.add_argument("--seed", type=int, default=2_000_000, help="of the first episode; default: %(default)s")
-    parser.add_argument("--expect", choices=["solved", "unsolved"], help="require a mean of at least 475, or below")
+    parser.add_argument("--expect", choices=["solved", "unsolved"], help="require a mean of at least the threshold, or below")
     try:
         compare(parser.parse_args())
     except Disagreement as disagreement:
