@@ -36,15 +36,13 @@ static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
         observation: [1.0, -1.0, 1.0, -1.0, -1.0, -1.0].into_iter().enumerate().collect(),
         actions: vec![2, 1, 0],
     }),
-    map: Some([(0, "angle of the upper link"), (2, "angle of the lower link")].map(
-        |(cos, name)| MapAxis {
-            name: name.into(),
-            unit: "°".into(),
-            range: (-180.0, 180.0),
-            factor: 1f64.to_degrees(),
-            quantity: Quantity::Angle { cos, sin: cos + 1 },
-        },
-    )),
+    map: Some([(0, "angle of the upper link"), (2, "angle of the lower link")].map(|(cos, name)| MapAxis {
+        name: name.into(),
+        unit: "°".into(),
+        range: (-180.0, 180.0),
+        factor: 1f64.to_degrees(),
+        quantity: Quantity::Angle { cos, sin: cos + 1 },
+    })),
 });
 
 /// The physics without a time limit. Actions 0, 1 and 2 apply a torque of −1, 0 and 1 N·m between the links.

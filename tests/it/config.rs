@@ -236,7 +236,11 @@ fn a_key_of_another_alternative_is_refused() {
     refused(
         r#"{"exploration": {"schedule": "per_episode", "steps": 5}}"#,
         &["exploration.schedule=linear"],
-        &["run.json", "`exploration.steps`", r#"{"schedule": "per_episode", "initial", "final", "decay", "repeat"}"#],
+        &[
+            "run.json",
+            "`exploration.steps`",
+            r#"{"schedule": "per_episode", "initial", "final", "decay", "repeat"}"#,
+        ],
     );
     refused("{}", &["exploration.decay=0.5"], &["--set", "`exploration.decay`", "linear"]);
     refused("{}", &["target.tau=0.5"], &["--set", "`target.tau`", r#"{"kind": "soft", "tau"}"#]);
