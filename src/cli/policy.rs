@@ -13,6 +13,7 @@ use crate::env::{Environment, Spec};
 use crate::files::read_text_limited;
 use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, SavedPolicy, checkpoint_of};
 use crate::study::Trial;
+use crate::tensors::TensorError;
 use crate::text::shown;
 
 /// Standard input or output, where a file can be given.
@@ -126,7 +127,15 @@ impl Found {
 
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
         let policy = SavedPolicy::of(&self.checkpoint, &self.spec());
-        policy.map_err(|problem| CheckpointError { path: self.file.clone(), problem }.into())
+        policy.map_err(|problem| {
+            let is_for_another =
+                matches!(problem, CheckpointProblem::Tensor(TensorError::WrongNetwork { .. }));
+            let error = CheckpointError { path: self.file.clone(), problem };
+            match is_for_another && self.checkpoint.header::<Header>().is_err() {
+                true => Failure::BadInput(format!("{error}; --environment NAME says what it plays")),
+                false => error.into(),
+            }
+        })
     }
 }
 

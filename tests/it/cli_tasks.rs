@@ -3,6 +3,7 @@
 use std::fs;
 
 use predicates::prelude::*;
+use safetensors::SafeTensors;
 use serde_json::{Value, json};
 
 use crate::cli::{Sandbox, TINY, refusals, sets, stdout_json};
@@ -51,6 +52,25 @@ fn eval_and_inspect_take_environment_limit_and_threshold_from_the_run() {
         let said = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
         assert!(said.replace("/checkpoints/best.safetensors", "").contains(&named), "{said}");
     }
+}
+
+/// The policy of a run without the header that says what it is.
+fn write_foreign(sandbox: &Sandbox) {
+    let bytes = fs::read(sandbox.path("run/checkpoints/best.safetensors")).unwrap();
+    let tensors = SafeTensors::deserialize(&bytes).unwrap();
+    sandbox.write("foreign.safetensors", safetensors::serialize(tensors.tensors(), None).unwrap());
+}
+
+#[test]
+fn a_policy_of_another_program_plays_the_environment_that_the_user_names() {
+    let sandbox = Sandbox::new();
+    train(&sandbox, MOUNTAIN_CAR, &["--out", "run"]);
+    write_foreign(&sandbox);
+    let eval = ["eval", "foreign.safetensors", "--episodes", "2", "--json"];
+    sandbox.refuses(&eval, &["the task needs 4 inputs and 2 outputs", "--environment NAME"]);
+    let named = [&eval[..], &["--environment", MOUNTAIN_CAR]].concat();
+    let ours = stdout_json(&sandbox.run(&["eval", "run", "--episodes", "2", "--json"]).success());
+    assert_eq!(stdout_json(&sandbox.run(&named).success())["returns"], ours["returns"]);
 }
 
 #[test]
