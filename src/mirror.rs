@@ -14,6 +14,19 @@ pub struct Mirror {
 }
 
 impl Mirror {
+    /// Whether this is the mirror of a task with such sizes. Its own image is no other than the original.
+    pub fn fits(&self, observation_size: usize, num_actions: usize) -> bool {
+        let image = |&(j, factor): &(usize, f32)| {
+            let (i, back) = *self.observation.get(j)?;
+            (factor * back == 1.0).then_some(i)
+        };
+        let action = |&action: &u8| self.actions.get(usize::from(action)).copied().map(usize::from);
+        self.observation.len() == observation_size
+            && self.actions.len() == num_actions
+            && self.observation.iter().enumerate().all(|(i, pair)| image(pair) == Some(i))
+            && self.actions.iter().enumerate().all(|(i, pair)| action(pair) == Some(i))
+    }
+
     /// The same mirror for observations whose coordinates have been divided by `divisors`.
     pub fn of_divided(&self, divisors: &[f32]) -> Self {
         let mut mirror = self.clone();

@@ -2,16 +2,18 @@
 
 use std::io::{self, Write};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::output::Output;
+use super::permission::AllowCommand;
 use super::policy::{DEFAULT_ENVIRONMENT, Found, Place};
 use super::ui::{Failure, print, print_json};
 use crate::agent::{Actor, Played, Random};
-use crate::env::catalogue::EnvironmentId;
-use crate::env::{EnvironmentError, Outcome, Spec};
+use crate::config::EnvironmentConfig;
+use crate::env::{EnvironmentError, Make, Outcome, Spec};
 use crate::rng::Rng;
 use crate::run::{SavedPolicy, final_evaluation};
 use crate::text::{shown, visible};
@@ -29,6 +31,8 @@ const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 pub(super) struct Arguments {
     #[command(flatten)]
     place: Place,
+    #[command(flatten)]
+    allow: AllowCommand,
     /// Play a policy that needs no checkpoint
     #[arg(long, conflicts_with_all = ["path", "checkpoint"])]
     policy: Option<Baseline>,
@@ -140,7 +144,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let (origin, task, played) = match arguments.policy {
         Some(Baseline::Random) => {
             let environment = arguments.place.environment.unwrap_or(DEFAULT_ENVIRONMENT);
-            let task = Task::new(environment, &arguments);
+            let task = Task::new(&EnvironmentConfig::Named(environment), &arguments)?;
             let mut policy = Random::new(task.spec.num_actions, Rng::from_seed(arguments.seed));
             let origin = Origin { kind: "random", ..Origin::default() };
             let played = play_all(&mut policy, &task, &arguments, trace.as_ref())?;
@@ -149,7 +153,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         None => {
             let found = arguments.place.find(arguments.json || arguments.quiet)?;
             let policy = found.policy()?;
-            let task = Task::new(found.environment, &arguments);
+            let task = Task::new(&found.playable(arguments.allow)?, &arguments)?;
             let played = match &trace {
                 None => Some(task.evaluate(&policy, &arguments)?),
                 Some(_) => play_all(&mut policy.greedy(1), &task, &arguments, trace.as_ref())?,
@@ -234,24 +238,22 @@ impl Origin {
 
 /// What is played: an environment under the time limit of --max-steps.
 struct Task {
-    environment: EnvironmentId,
+    make: Arc<Make>,
     spec: Spec,
     max_steps: u32,
 }
 
 impl Task {
-    fn new(environment: EnvironmentId, arguments: &Arguments) -> Self {
-        let spec = environment.spec();
+    fn new(environment: &EnvironmentConfig, arguments: &Arguments) -> Result<Self, Failure> {
+        let spec = environment.spec()?;
         // The largest limit that the option takes is far below.
         let typed = arguments.max_steps.map(|steps| u32::try_from(steps).unwrap_or(u32::MAX));
-        Self { environment, max_steps: typed.unwrap_or(spec.max_steps), spec }
+        Ok(Self { make: environment.make(), max_steps: typed.unwrap_or(spec.max_steps), spec })
     }
 
     fn evaluate(&self, policy: &SavedPolicy, arguments: &Arguments) -> Result<Vec<Played>, Failure> {
-        let environment = self.environment;
-        let make = move |max_steps| environment.make(max_steps);
         let Arguments { seed, episodes, .. } = *arguments;
-        Ok(evaluate(&policy.policy, &make, self.max_steps, seed, episodes, 1.0)?)
+        Ok(evaluate(&policy.policy, &*self.make, self.max_steps, seed, episodes, 1.0)?)
     }
 }
 
@@ -304,7 +306,7 @@ fn trace_episode(
     file: &mut dyn Write,
 ) -> Result<Played, PlayError> {
     let seed = arguments.seed + episode;
-    let mut environment = task.environment.make(task.max_steps)?;
+    let mut environment = (task.make)(task.max_steps)?;
     let mut played = Played::default();
     played.discounted = play(actor, &mut *environment, seed, |traced| {
         let Outcome { reward, terminated, truncated } = traced.outcome;

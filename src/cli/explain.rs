@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 
 use super::layers::Layers;
 use super::output::Output;
+use super::permission::ask_task;
 use super::ui::{Failure, print};
 use crate::check::START;
 use crate::explain::{Lesson, NoLesson, lesson};
@@ -49,7 +50,8 @@ impl From<NoLesson> for Failure {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let config = arguments.layers.resolve()?;
+    let mut config = arguments.layers.resolve()?;
+    ask_task(&mut config, false)?;
     let is_own = |start: &[u8]| start.get(8..).is_some_and(|start| start.starts_with(START));
     let output = |path| Output { option: "--out", path, what: "an update", is_own };
     let output = arguments.out.as_deref().map(output);

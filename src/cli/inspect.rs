@@ -26,7 +26,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
-    let mut text = describe(&found.checkpoint, &found.spec(), arguments.all)
+    let mut text = describe(&found.checkpoint, &found.spec()?, arguments.all)
         .map_err(|problem| CheckpointError { path: found.file.clone(), problem })?;
     if let Some(last) = not_shown(&found) {
         // Writing to a string cannot fail.

@@ -10,6 +10,7 @@ mod flags;
 mod inspect;
 mod layers;
 mod output;
+mod permission;
 mod policy;
 mod render;
 mod report;

@@ -7,7 +7,9 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::find::{RUNS, newest_with_policy};
+use super::permission::AllowCommand;
 use super::ui::{Failure, note};
+use crate::config::EnvironmentConfig;
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{Environment, Spec};
 use crate::files::read_text_limited;
@@ -52,8 +54,8 @@ pub(super) struct Found {
     /// The file that was read.
     pub file: PathBuf,
     pub checkpoint: Checkpoint,
-    /// The environment that the policy was trained in.
-    pub environment: EnvironmentId,
+    /// The environment that the policy was trained in. A program is not allowed to start yet.
+    pub environment: EnvironmentConfig,
 }
 
 impl Place {
@@ -87,13 +89,15 @@ impl Place {
     /// The environment is the one that the checkpoint names; for a policy of another program the one that the user names.
     fn found(&self, place: PathBuf, file: PathBuf, checkpoint: Checkpoint) -> Result<Found, Failure> {
         let own = checkpoint.header().ok().map(|header: Header| header.config.environment);
-        let environment = own.or(self.environment).unwrap_or(DEFAULT_ENVIRONMENT);
+        let typed = self.environment.map(EnvironmentConfig::Named);
+        let default = EnvironmentConfig::Named(DEFAULT_ENVIRONMENT);
+        let environment = own.or_else(|| typed.clone()).unwrap_or(default);
         match self.environment {
-            Some(typed) if typed != environment => Err(Failure::BadInput(format!(
+            Some(id) if typed.as_ref() != Some(&environment) => Err(Failure::BadInput(format!(
                 "--environment {}: {} was trained in {}; leave --environment out",
-                typed.spec().id,
+                id.spec().id,
                 shown(&file),
-                environment.spec().id
+                environment.spec().map_or_else(|_| "a program".into(), |task| task.id)
             ))),
             _ => Ok(Found { place, file, checkpoint, environment }),
         }
@@ -115,18 +119,28 @@ impl Place {
 }
 
 impl Found {
+    /// The environment, to be played in.
+    pub(super) fn playable(&self, allow: AllowCommand) -> Result<EnvironmentConfig, Failure> {
+        let mut environment = self.environment.clone();
+        let file = format!("checkpoint {}", shown(&self.file));
+        allow.permit(&mut environment, &file).map_err(Failure::BadInput)?;
+        Ok(environment)
+    }
+
     /// What is known of the environment.
-    pub(super) fn spec(&self) -> Spec {
-        self.environment.spec()
+    pub(super) fn spec(&self) -> Result<Spec, Failure> {
+        let problem = |error| Failure::BadInput(format!("checkpoint {}: {error}", shown(&self.file)));
+        self.environment.spec().map_err(problem)
     }
 
     /// The environment under its own time limit.
-    pub(super) fn make_environment(&self) -> Result<Box<dyn Environment>, Failure> {
-        Ok(self.environment.make(self.spec().max_steps)?)
+    pub(super) fn make_environment(&self, allow: AllowCommand) -> Result<Box<dyn Environment>, Failure> {
+        let make = self.playable(allow)?.make();
+        Ok(make(self.spec()?.max_steps)?)
     }
 
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
-        let policy = SavedPolicy::of(&self.checkpoint, &self.spec());
+        let policy = SavedPolicy::of(&self.checkpoint, &self.spec()?);
         policy.map_err(|problem| {
             let is_for_another =
                 matches!(problem, CheckpointProblem::Tensor(TensorError::WrongNetwork { .. }));

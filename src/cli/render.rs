@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::output::Output;
+use super::permission::AllowCommand;
 use super::policy::{Place, STANDARD};
 use super::ui::{Failure, note, print};
 use crate::draw::{is_gif, is_svg, svg, write_gif};
@@ -22,6 +23,8 @@ use crate::trainer::{Frame, SCORE_SEED, record};
 pub(super) struct Arguments {
     #[command(flatten)]
     place: Place,
+    #[command(flatten)]
+    allow: AllowCommand,
     /// File to write: .gif, or .svg, which is smaller and plays in browsers; "-" is standard output
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
@@ -47,7 +50,7 @@ enum Format {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { place, output: path, seed, steps, quiet, .. } = arguments;
+    let Arguments { place, allow, output: path, seed, steps, quiet, .. } = arguments;
     let format = format(arguments)?;
     let (what, is_own): (_, fn(&[u8]) -> bool) = match format {
         Format::Gif => ("a GIF of `render`", is_gif),
@@ -60,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     output.check()?;
     let found = place.find(*quiet)?;
     let policy = found.policy()?;
-    let mut environment = found.make_environment()?;
+    let mut environment = found.make_environment(*allow)?;
     let frames = record(&mut policy.greedy(1), &mut *environment, *seed)?.frames;
     let count = steps.map_or(frames.len(), |steps| steps as usize + 1);
     let task = environment.spec();

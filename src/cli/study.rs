@@ -13,6 +13,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
 use super::layers::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
+use super::permission::ask_task;
 use super::signals::Signals;
 use super::ui::{Failure, cannot_write, check_out, print, shell_word};
 use crate::config::Config;
@@ -202,7 +203,7 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
         for variation in &variations {
             let name = [std::slice::from_ref(stem), variation].concat().join(" ");
             let sets = [&arguments.set[..], variation].concat();
-            let config =
+            let mut config =
                 Config::from_layers(Some((origin, text)), &sets).map_err(|error| match &variation[..] {
                     [] => error.into(),
                     _ => Failure::BadInput(format!("variation {}: {error}", variation.join(" "))),
@@ -222,7 +223,8 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
                     "--config {origin}: two configs are called {stem:?}; rename a file"
                 )));
             }
-            configs.push(NamedConfig::new(name, config));
+            ask_task(&mut config, false)?;
+            configs.push(NamedConfig::new(name, config)?);
         }
     }
     Ok(configs)

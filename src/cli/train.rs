@@ -7,6 +7,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::layers::Layers;
+use super::permission::{AllowCommand, ask_task};
 use super::signals::Signals;
 use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say, shell_word};
 use crate::config::{Config, MAX_BYTES};
@@ -41,6 +42,8 @@ pub(super) struct Arguments {
     /// Resume the run in this directory from its last checkpoint; --set can give it a larger budget
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "force"])]
     resume: Option<PathBuf>,
+    #[command(flatten)]
+    allow: AllowCommand,
     /// Start with the weights of a policy, a run directory (its best) or a .safetensors file; all else starts afresh
     #[arg(long, value_name = "CHECKPOINT", conflicts_with = "resume")]
     init_from: Option<PathBuf>,
@@ -71,10 +74,14 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         check_terminal()?;
     }
     // Before the signals are taken: Ctrl-C ends a process that waits for its standard input.
-    let config = if arguments.resume.is_none() { Some(arguments.layers.resolve()?) } else { None };
+    let mut config = if arguments.resume.is_none() { Some(arguments.layers.resolve()?) } else { None };
     let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
+    config.iter_mut().try_for_each(|config| ask_task(config, arguments.live))?;
     let started = match (&arguments.resume, config) {
-        (Some(path), _) => resume(path, &arguments.layers.sets())?,
+        (Some(path), _) => {
+            let run = format!("run {}", shown(path));
+            resume(path, &arguments.layers.sets(), |environment| arguments.allow.permit(environment, &run))?
+        }
         (None, config) => Resumed::Run(Box::new(start_new(&arguments, &config.unwrap_or_default())?)),
     };
     let Started { dir: run, config, mut trainer, recorder, notes } = match started {
@@ -176,7 +183,7 @@ fn observers<'a>(
     if arguments.live {
         let pace = arguments.pace.unwrap_or(Pace::FULL);
         let (name, end_process) = (run.path().to_string_lossy(), signals.end_process());
-        let environment = config.environment.make(trainer.spec().max_steps)?;
+        let environment = (config.make())(trainer.spec().max_steps)?;
         let live = Live::open(&name, environment, budget, pace, &signals.interrupts, end_process)?;
         observers.0.push(Box::new(live));
     } else if let Some(every) = arguments.log_every {

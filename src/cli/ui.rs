@@ -42,6 +42,9 @@ impl Failure {
 
 impl From<ConfigError> for Failure {
     fn from(error: ConfigError) -> Self {
+        if let ConfigError::Environment(error) = error {
+            return error.into();
+        }
         let hint = match error {
             ConfigError::Read { .. } | ConfigError::Json { .. } => {
                 "; --config takes a JSON file such as configs/cartpole.json"

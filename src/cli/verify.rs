@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 
 use clap::Args;
 
+use super::permission::AllowCommand;
 use super::signals::Signals;
 use super::ui::{Failure, print};
 use crate::run::{
@@ -25,6 +26,8 @@ pub(super) struct Arguments {
     /// The run directory; nothing in it is changed
     #[arg(value_name = "RUN_DIR")]
     run: PathBuf,
+    #[command(flatten)]
+    allow: AllowCommand,
     /// Show no progress, and print nothing if every byte agrees
     #[arg(long)]
     quiet: bool,
@@ -32,7 +35,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let signals = Signals::listen();
-    let (run, config) = RunDir::open(&arguments.run)?;
+    let (run, mut config) = RunDir::open(&arguments.run)?;
+    let place = format!("run {}", shown(run.path()));
+    arguments.allow.permit(&mut config.environment, &place).map_err(Failure::BadInput)?;
     let _shared = run.share()?;
     let summary = if run.summary().exists() { Some(read_summary(&run)?) } else { None };
     let mut branched_at_step = summary.as_ref().and_then(|summary| summary["branched_at_step"].as_u64());

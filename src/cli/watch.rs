@@ -4,6 +4,7 @@ use std::sync::atomic::Ordering;
 
 use clap::Args;
 
+use super::permission::AllowCommand;
 use super::policy::Place;
 use super::signals::Signals;
 use super::ui::Failure;
@@ -22,6 +23,8 @@ use crate::view;
 pub(super) struct Arguments {
     #[command(flatten)]
     place: Place,
+    #[command(flatten)]
+    allow: AllowCommand,
     /// Gymnasium seed of the first episode; each later episode has the next seed
     #[arg(long, value_name = "S", default_value_t = SCORE_SEED, value_parser = super::ui::seed,
         allow_negative_numbers = true)]
@@ -32,7 +35,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
     let policy = found.policy()?.greedy(1);
     let signals = Signals::listen_for_view();
-    view::watch(policy, found.make_environment()?, &shown(&found.place), arguments.seed, &signals.stop)?;
+    view::watch(policy, found.make_environment(arguments.allow)?, &shown(&found.place), arguments.seed, &signals.stop)?;
     if signals.stop.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped".into(), signals.exit_code()));
     }

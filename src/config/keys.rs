@@ -11,6 +11,7 @@ use serde_json::{Map, Value, json};
 
 use super::Config;
 use crate::agent::{Exploration, TargetUpdate};
+use crate::env::Spec;
 use crate::env::catalogue::EnvironmentId;
 use crate::nn::LearningRateSchedule;
 use crate::trainer::Budget;
@@ -36,7 +37,11 @@ impl Key {
 pub(super) const KEYS: &[Key] = &[
     Key::new("$schema", Allowed::Text, "", "ignored, for editors"),
     Key::new("seed", Allowed::Integer(0, u64::MAX), "", "seed of every random stream of the run"),
-    Key::new("environment", Allowed::OneOf(EnvironmentId::NAMES), "", "the task"),
+    Key::new("environment", Allowed::NameOr(EnvironmentId::NAMES, "a program as an object with `command`, `processes`, `timeout_seconds`"), "", "the task"),
+    Key::new("environment.command", Allowed::Command, "", "a program that is the environment, and its arguments; no shell reads them (docs/environments.md)"),
+    Key::new("environment.processes", Allowed::Integer(1, 256), "processes", "only of a program: in how many processes at the same time evaluations are played"),
+    Key::new("environment.timeout_seconds", Allowed::Integer(1, 86_400), "seconds", "only of a program: the time that it has for an answer"),
+    Key::new("environment.task", Allowed::Task, "", "only of a program: what it said of its task; a run records this, and nobody needs to set it"),
     Key::new("max_episode_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "training episodes are cut off after this many steps; `null`: after as many as the environment allows. Evaluations always have the environment's own time limit"),
     Key::new("network.hidden", Allowed::LayerSizes, "units", "units of each hidden layer, first to last; `[]` is a linear network"),
     Key::new("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"]), "", "how the weights start"),
@@ -132,6 +137,12 @@ pub(super) enum Allowed {
     Bool,
     Text,
     OneOf(&'static [&'static str]),
+    /// A name, or an object, with its keys in words. Each of these keys has a line of its own.
+    NameOr(&'static [&'static str], &'static str),
+    /// A program and its arguments.
+    Command,
+    /// A [`Spec`], which is one value.
+    Task,
     /// From the first number to the second, both included.
     Integer(u64, u64),
     /// The range in words and as bounds.
@@ -150,6 +161,14 @@ impl Allowed {
             Self::Bool => value.is_boolean(),
             Self::Text => value.is_string(),
             Self::OneOf(names) => value.as_str().is_some_and(|name| names.contains(&name)),
+            Self::NameOr(names, _) => value.is_object() || Self::OneOf(names).admits(value),
+            Self::Command => value.as_array().is_some_and(|words| {
+                let is_word = |word: &Value| word.as_str().is_some_and(|word| !word.contains('\0'));
+                words.iter().all(is_word) && words.first().is_some_and(|program| program != "")
+            }),
+            Self::Task => {
+                serde_json::from_value::<Spec>(value.clone()).is_ok_and(|task| task.problem().is_none())
+            }
             Self::Integer(low, high) => value.as_u64().is_some_and(|n| (*low..=*high).contains(&n)),
             Self::Number(_, range) => value.as_f64().is_some_and(|number| range.contains(&number)),
             Self::LayerSizes => value.as_array().is_some_and(|sizes| {
@@ -167,7 +186,7 @@ impl Allowed {
     pub(super) fn names(&self) -> Vec<&'static str> {
         match self {
             Self::Bool => vec!["true", "false"],
-            Self::OneOf(names) => names.to_vec(),
+            Self::OneOf(names) | Self::NameOr(names, _) => names.to_vec(),
             Self::OrNull(allowed) => [vec!["null"], allowed.names()].concat(),
             _ => Vec::new(),
         }
@@ -179,6 +198,9 @@ impl Allowed {
             Self::Bool => json!({"type": "boolean"}),
             Self::Text => json!({"type": "string"}),
             Self::OneOf(names) => json!({"enum": names}),
+            Self::NameOr(names, _) => json!({"anyOf": [Self::OneOf(names).schema(), {"type": "object"}]}),
+            Self::Command => json!({"type": "array", "minItems": 1, "items": {"type": "string"}}),
+            Self::Task => json!({"type": "object"}),
             Self::Integer(low, high) => json!({"type": "integer", "minimum": low, "maximum": high}),
             Self::Number(_, (low, high)) => {
                 let mut schema = json!({"type": "number"});
@@ -209,6 +231,9 @@ impl fmt::Display for Allowed {
             Self::Bool => write!(f, "true or false"),
             Self::Text => write!(f, "a string"),
             Self::OneOf(names) => write!(f, "\"{}\"", names.join("\" or \"")),
+            Self::NameOr(names, object) => write!(f, "{}, or {object}", Self::OneOf(names)),
+            Self::Command => write!(f, "a list of strings, the program first"),
+            Self::Task => write!(f, "an object that a run has recorded"),
             Self::Integer(low, u64::MAX) => write!(f, "an integer from {low} to 2^64 - 1"),
             Self::Integer(low, high) => write!(f, "an integer from {low} to {high}"),
             Self::Number(range, _) => write!(f, "a number {range}"),

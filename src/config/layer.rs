@@ -9,7 +9,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
 use super::ConfigError;
-use super::keys::{KEYS, Key};
+use super::keys::{Allowed, KEYS, Key};
 
 /// The keys that one source sets, each known and within its range.
 pub(super) struct Layer {
@@ -43,6 +43,7 @@ impl Layer {
     /// Adds what `node` holds. An object is also added as `{}` under its own path, so that a second one is noticed.
     fn insert(&mut self, key: String, node: Node) -> Result<(), ConfigError> {
         let value = match node {
+            node if is_one_value(&key) => node.into(),
             Node::Leaf(value) => whole(value),
             Node::Object(Members(members)) => {
                 for (name, member) in members {
@@ -72,7 +73,7 @@ impl Layer {
             };
             return Err(invalid(&self.origin, key, value, allowed));
         }
-        self.values.retain(|key, value| key != "$schema" && !value.is_object());
+        self.values.retain(|key, value| key != "$schema" && (!value.is_object() || is_one_value(key)));
         Ok(self)
     }
 }
@@ -105,7 +106,7 @@ pub(super) fn choose(
             let key = format!("{group}.{}", foreign_key(nearest).map_or("", String::as_str));
             let all = alternatives.iter().map(shape).collect::<Vec<_>>().join(" or ");
             let hint = format!("`{group}` is {} here, and can be {all}", shape(nearest));
-            key_error(origin, "misplaced key", &key, hint)
+            misplaced(origin, &key, hint)
         })?;
         values.extend(own);
         values.retain(|key, _| chosen.contains_key(key));
@@ -126,6 +127,11 @@ fn shape(alternative: &Map<String, Value>) -> String {
     format!("{{{}}}", alternative.iter().map(member).collect::<Vec<_>>().join(", "))
 }
 
+/// Whether an object under this key is not a group of keys.
+fn is_one_value(key: &str) -> bool {
+    KEYS.iter().any(|known| known.path == key && matches!(known.allowed, Allowed::Task))
+}
+
 /// An object of JSON as a list, because a map would hide a duplicate key.
 struct Members(Vec<(String, Node)>);
 
@@ -134,6 +140,17 @@ struct Members(Vec<(String, Node)>);
 enum Node {
     Object(Members),
     Leaf(Value),
+}
+
+impl From<Node> for Value {
+    fn from(node: Node) -> Self {
+        match node {
+            Node::Leaf(value) => value,
+            Node::Object(Members(members)) => {
+                members.into_iter().map(|(name, node)| (name, Self::from(node))).collect()
+            }
+        }
+    }
 }
 
 impl<'de> Deserialize<'de> for Members {
@@ -196,6 +213,11 @@ fn nearest_key(key: &str) -> String {
 
 fn key_error(origin: &str, problem: &'static str, key: &str, hint: String) -> ConfigError {
     ConfigError::Key { origin: origin.into(), problem, key: shown(key), hint }
+}
+
+/// The error of a key that the value above it leaves no room for.
+pub(super) fn misplaced(origin: &str, key: &str, hint: String) -> ConfigError {
+    key_error(origin, "misplaced key", key, hint)
 }
 
 pub(super) fn invalid(origin: &str, key: &str, value: &Value, allowed: String) -> ConfigError {

@@ -6,6 +6,7 @@
 //! from that line. A new alternative of a group is a line of `keys::alternatives`.
 
 mod difference;
+mod environment;
 mod keys;
 mod layer;
 mod schema;
@@ -31,6 +32,7 @@ use crate::nn::{Init, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig, Trainer, TrainerConfig};
 
 pub use difference::difference;
+pub use environment::{EnvironmentConfig, ProgramConfig};
 pub use keys::key_paths;
 pub use schema::{Setting, keys, markdown_table, schema};
 
@@ -45,7 +47,7 @@ pub struct Config {
     /// Seed of every random stream of the run.
     pub seed: u64,
     /// The task.
-    pub environment: EnvironmentId,
+    pub environment: EnvironmentConfig,
     /// Steps after which a training episode is truncated; none for the environment's own limit.
     pub max_episode_steps: Option<u32>,
     /// The agent.
@@ -65,7 +67,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 0,
-            environment: EnvironmentId::CartPoleV1,
+            environment: EnvironmentConfig::Named(EnvironmentId::CartPoleV1),
             max_episode_steps: None,
             dqn: DqnConfig {
                 network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
@@ -123,6 +125,9 @@ pub enum ConfigError {
     /// A value of a wrong type or out of range.
     #[error("{origin}: `{key}` is {value}; allowed: {allowed}")]
     Value { origin: String, key: String, value: String, allowed: String },
+    /// The environment is a program that cannot say what its task is.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
 }
 
 impl Config {
@@ -151,12 +156,28 @@ impl Config {
                 *slot = choose(group, &alternatives, &layers)?;
             }
         }
+        root[environment::KEY] = environment::merged(&Self::default().environment, &layers)?;
         let origin = layers.iter().map(|layer| layer.origin.as_str()).collect::<Vec<_>>().join(" with ");
         let config: Self = serde_json::from_value(root)
             .map_err(|source| ConfigError::Json { origin: origin.clone(), source })?;
-        config.check_combinations(&origin)?;
-        config.check_task(&origin, &config.environment.spec())?;
+        config.check(&origin)?;
         Ok(config)
+    }
+
+    /// Asks a program that is the environment what its task is, and checks the config against the answer. The config keeps the
+    /// answer. An environment of this crate needs no question.
+    ///
+    /// # Errors
+    /// When the program must not or cannot be started, says nothing that can be used, or its task does not fit the config.
+    pub fn ask_task(&mut self) -> Result<(), ConfigError> {
+        self.environment.ask()?;
+        self.check(self.environment.command().as_deref().unwrap_or_default())
+    }
+
+    fn check(&self, origin: &str) -> Result<(), ConfigError> {
+        self.check_combinations(origin)?;
+        // The task of a program is checked once it is known.
+        self.environment.spec().map_or(Ok(()), |task| self.check_task(origin, &task))
     }
 
     fn check_combinations(&self, origin: &str) -> Result<(), ConfigError> {
@@ -231,9 +252,14 @@ impl Config {
         Ok(())
     }
 
+    /// The size of an observation and the number of actions; the smallest as long as nothing is known of the task.
+    fn sizes(&self) -> (usize, usize) {
+        self.environment.spec().map_or((1, 1), |task| (task.observation_size, task.num_actions))
+    }
+
     /// About how many bytes a transition takes in the replay memory.
     fn transition_bytes(&self) -> u64 {
-        4 * self.environment.spec().observation_size as u64 + 8
+        4 * self.sizes().0 as u64 + 8
     }
 
     /// About how many bytes the large parts of a run take: the replay memory, the networks with their gradient and
@@ -243,7 +269,7 @@ impl Config {
     }
 
     fn parts(&self) -> [u64; 3] {
-        let Spec { observation_size, num_actions, .. } = self.environment.spec();
+        let (observation_size, num_actions) = self.sizes();
         let sizes = self.dqn.network.sizes(observation_size, num_actions);
         let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
         let units: usize = sizes.iter().sum();
@@ -277,8 +303,7 @@ impl Config {
 
     /// What makes the run's environment.
     pub fn make(&self) -> Arc<Make> {
-        let environment = self.environment;
-        Arc::new(move |max_steps| environment.make(max_steps))
+        self.environment.make()
     }
 
     /// The run's agent, for a task.

@@ -5,7 +5,8 @@ use std::fmt::Write;
 use serde_json::{Map, Value, json};
 
 use super::Config;
-use super::keys::{KEYS, Key, alternatives, object, pointer};
+use super::environment::{KEY, program_defaults};
+use super::keys::{Allowed, KEYS, Key, alternatives, object, pointer};
 
 /// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
 /// (`"replay.capacity"`), and it does not know the rules that concern several keys.
@@ -36,6 +37,11 @@ fn members(prefix: &str, defaults: &Value) -> Value {
 fn member(path: &str, default: &Value) -> Value {
     let below = format!("{path}.");
     match (find(path), alternatives().into_iter().find(|(group, _)| *group == path)) {
+        (Some(key), None) if let Allowed::NameOr(names, _) = key.allowed => {
+            let mut program = members(&below, &json!(program_defaults()));
+            program["required"] = json!(["command"]);
+            described(key, json!({"anyOf": [Allowed::OneOf(names).schema(), program]}), default)
+        }
         (Some(key), None) => described(key, key.allowed.schema(), default),
         (None, None) => members(&below, default),
         (None, Some((_, shapes))) => {
@@ -118,6 +124,9 @@ fn default_of(path: &str) -> Option<Value> {
         let first = shapes.iter().find(|first| !first.is_empty() && names(first) == names(shape))?;
         return first.get(name).cloned();
     }
+    if let Some(name) = path.strip_prefix(KEY).and_then(|rest| rest.strip_prefix('.')) {
+        return program_defaults().get(name).filter(|_| name != "command").cloned();
+    }
     json!(Config::default()).pointer(&pointer(path)).cloned()
 }
 
@@ -159,6 +168,9 @@ impl Config {
     fn defaults(&self) -> Value {
         let config = json!(self);
         let mut defaults = json!(Config::default());
+        if config[KEY].is_object() {
+            defaults[KEY] = program_defaults().into();
+        }
         for (group, shapes) in alternatives() {
             let (Some(own), Some(group)) =
                 (config.pointer(&pointer(group)), defaults.pointer_mut(&pointer(group)))

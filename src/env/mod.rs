@@ -8,6 +8,8 @@ mod cartpole;
 pub mod catalogue;
 pub mod map;
 mod mountain_car;
+#[cfg(all(unix, feature = "program"))]
+pub mod program;
 pub mod scene;
 mod time_limit;
 
@@ -57,6 +59,39 @@ impl Spec {
     /// Whether a mean return solves the task; never where the task has no threshold.
     pub fn is_solved_by(&self, mean_return: f64) -> bool {
         self.solved_return.is_some_and(|threshold| mean_return >= threshold)
+    }
+
+    /// Most numbers of an observation.
+    pub const MAX_OBSERVATION: usize = 4096;
+    /// Most actions: the replay memory keeps an action in a byte.
+    pub const MAX_ACTIONS: usize = 256;
+    /// Longest name in characters.
+    const MAX_NAME: usize = 100;
+
+    /// What makes this the description of no task; none if nothing does. Another program may have written it.
+    pub fn problem(&self) -> Option<String> {
+        let Self { observation_size: size, num_actions, max_steps, return_range: (low, high), .. } = *self;
+        let names = [std::slice::from_ref(&self.id), &self.actions, &self.observations].concat();
+        let is_name = |name: &String| {
+            (1..=Self::MAX_NAME).contains(&name.chars().count()) && !name.chars().any(char::is_control)
+        };
+        let rules = [
+            ((1..=Self::MAX_OBSERVATION).contains(&size), "the size of an observation must be 1 to 4096"),
+            ((1..=Self::MAX_ACTIONS).contains(&num_actions), "the number of actions must be 1 to 256"),
+            ((1..=1_000_000).contains(&max_steps), "`max_steps` must be 1 to 1000000"),
+            (self.solved_return.is_none_or(f64::is_finite), "`solved_return` must be finite"),
+            (low.is_finite() && high.is_finite() && low < high, "`return_range` must be [low, high]"),
+            ((1e-3..=1e6).contains(&self.steps_per_second), "`steps_per_second` must be 0.001 to 1000000"),
+            (self.actions.len() == num_actions, "each action must have a name"),
+            (self.observations.len() == size, "each number of an observation must have a name"),
+            (names.iter().all(is_name), "a name must have 1 to 100 characters, and no control characters"),
+            (
+                self.mirror.as_ref().is_none_or(|mirror| mirror.fits(size, num_actions)),
+                "`mirror` must be {\"observation\": a pair [index, factor] for each number, \"actions\": an index for each}, \
+                 and the mirror image of a mirror image the same as before",
+            ),
+        ];
+        rules.into_iter().find(|(holds, _)| !holds).map(|(_, rule)| rule.into())
     }
 
     /// Which mean return solves the task, in words.
@@ -147,6 +182,30 @@ pub trait Environment: Send {
     fn scene(&self) -> Option<Scene> {
         None
     }
+
+    /// What an environment without a scene looks like now; none if it draws nothing.
+    ///
+    /// # Errors
+    /// When the environment fails.
+    fn image(&mut self) -> Result<Option<Image>, EnvironmentError> {
+        Ok(None)
+    }
+
+    /// In how many processes of its own the environment may be played at the same time; none if it is played in this process.
+    fn processes(&self) -> Option<usize> {
+        None
+    }
+}
+
+/// A picture of pixels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    /// Pixels in a row.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+    /// Red, green and blue of each pixel, row by row from the top.
+    pub rgb: Vec<u8>,
 }
 
 /// Makes an environment whose episodes are truncated after so many steps. Evaluations and studies make their own.

@@ -2,7 +2,7 @@
 //! learning"): it truncates, it does not terminate.
 
 use super::scene::Scene;
-use super::{Environment, EnvironmentError, Outcome, Spec, Start};
+use super::{Environment, EnvironmentError, Image, Outcome, Spec, Start};
 
 /// Truncates the episodes of `E` after `max_steps` steps. An inner environment that truncates its own episodes still does.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,5 +45,13 @@ impl<E: Environment> Environment for TimeLimit<E> {
 
     fn scene(&self) -> Option<Scene> {
         self.environment.scene()
+    }
+
+    fn image(&mut self) -> Result<Option<Image>, EnvironmentError> {
+        self.environment.image()
+    }
+
+    fn processes(&self) -> Option<usize> {
+        self.environment.processes()
     }
 }

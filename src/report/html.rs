@@ -48,7 +48,7 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
     let runs = named.map(|(folder, name)| Run::read(folder, name)).collect::<Result<Vec<_>, _>>()?;
     let mut portraits = Vec::new();
     for (folder, run) in folders.iter().zip(&runs) {
-        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder, run.environment)?}));
+        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder, &run.environment)?}));
     }
     let title = match &runs[..] {
         [run] => format!("Run {}", run.name),

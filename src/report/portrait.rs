@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::ReportError;
 use crate::agent::Greedy;
 use crate::draw::{Motion, motions};
-use crate::env::catalogue::EnvironmentId;
+use crate::config::EnvironmentConfig;
 use crate::env::map::MapAxis;
 use crate::env::scene::Outline;
 use crate::run::names::{BEST, CHECKPOINTS, LAST};
@@ -87,8 +87,12 @@ enum PageOutline {
 }
 
 impl Portrait {
-    /// The portrait of the policy in a run's directory; none without a checkpoint.
-    pub(super) fn of(folder: &Path, environment: EnvironmentId) -> Result<Option<Self>, ReportError> {
+    /// The portrait of the policy in a run's directory; none without a checkpoint, and none where the environment is a
+    /// program, because a report starts none.
+    pub(super) fn of(folder: &Path, environment: &EnvironmentConfig) -> Result<Option<Self>, ReportError> {
+        if environment.command().is_some() {
+            return Ok(None);
+        }
         let mut found = None;
         for name in [BEST, LAST].map(|name| format!("{CHECKPOINTS}/{name}")) {
             let path = folder.join(&name);
@@ -99,11 +103,11 @@ impl Portrait {
         }
         let Some((name, path)) = found else { return Ok(None) };
         let checkpoint = Checkpoint::read(&path).map_err(|error| ReportError::new(&path, error.problem))?;
-        let task = environment.spec();
+        let task = environment.spec().map_err(|error| ReportError::new(folder, error))?;
         let saved =
             SavedPolicy::of(&checkpoint, &task).map_err(|problem| ReportError::new(&path, problem))?;
         let failed = |error| ReportError::new(folder, error);
-        let mut environment = environment.make(task.max_steps).map_err(failed)?;
+        let mut environment = (environment.make())(task.max_steps).map_err(failed)?;
         let recording = record(&mut saved.greedy(1), &mut *environment, SCORE_SEED).map_err(failed)?;
         let (count, frames) = ([task.observation_size, task.num_actions], &recording.frames);
         let map = task.map.as_ref().map(|axes| Map::new(axes, count, saved.greedy(SIZE * SIZE), frames));

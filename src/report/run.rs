@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use super::events::{History, Series};
 use super::history::{self, Retention};
 use super::{FORMAT_VERSION, Report, ReportError, csv, parse, plots};
+use crate::config::EnvironmentConfig;
 use crate::env::Spec;
-use crate::env::catalogue::EnvironmentId;
 use crate::run::names::{CONFIG, EVALUATIONS, METRICS};
 use crate::text::{visible, wrapped};
 use crate::trainer::Evaluation;
@@ -87,7 +87,7 @@ pub(super) struct Run {
     /// The end of its directory's path: as much as tells it from the others, as it can be shown.
     pub(super) name: String,
     pub(super) config: Value,
-    pub(super) environment: EnvironmentId,
+    pub(super) environment: EnvironmentConfig,
     pub(super) task: Spec,
     pub(super) history: History,
     pub(super) report: RunReport,
@@ -98,9 +98,9 @@ impl Run {
         let path = folder.join(CONFIG);
         let config: Value = parse(&path)?;
         // Not the whole config: another version may have written it.
-        let environment = serde_json::from_value::<EnvironmentId>(config["environment"].clone());
+        let environment = serde_json::from_value::<EnvironmentConfig>(config["environment"].clone());
         let environment = environment.map_err(|error| ReportError::new(&path, error))?;
-        let task = environment.spec();
+        let task = environment.spec().map_err(|error| ReportError::new(&path, error))?;
         let path = folder.join(METRICS);
         let history = History::read(&path)?;
         let evaluations = &history.evaluations;

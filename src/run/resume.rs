@@ -12,7 +12,7 @@ use super::{
     unwritable,
 };
 use crate::agent::Exploration;
-use crate::config::{Config, difference};
+use crate::config::{Config, EnvironmentConfig, difference};
 use crate::files::{remove_unfinished, write_json};
 use crate::text::shown;
 use crate::trainer::{Budget, EndReason, Observer, ResumeError, TrainError, Trainer};
@@ -110,14 +110,20 @@ pub fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Chec
 }
 
 /// Takes the run in a directory back to its latest good checkpoint, with everything that it has written since then cut
-/// off. `sets` may change its budget and its schedules. Nothing is changed on bad input.
+/// off. `sets` may change its budget and its schedules. Nothing is changed on bad input. `permit` may allow the environment to
+/// start a program, or else says why not.
 ///
 /// # Errors
 /// When the directory holds no run that can be resumed so.
-pub fn resume(path: &Path, sets: &[String]) -> Result<Resumed, RunError> {
+pub fn resume(
+    path: &Path,
+    sets: &[String],
+    permit: impl FnOnce(&mut EnvironmentConfig) -> Result<(), String>,
+) -> Result<Resumed, RunError> {
     let (dir, recorded) = RunDir::open(path)?;
     let mut metrics = dir.take()?;
-    let config = with_other_budget(&recorded, sets, path)?;
+    let mut config = with_other_budget(&recorded, sets, path)?;
+    permit(&mut config.environment).map_err(RunError::BadInput)?;
     config.check_memory(1).map_err(RunError::BadInput)?;
     let mut notes = Vec::new();
     let (mut trainer, falls_back) = latest(&dir, &config, &mut notes)?;

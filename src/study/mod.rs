@@ -14,7 +14,7 @@ use std::thread;
 use serde::{Deserialize, Serialize};
 
 use crate::config::Config;
-use crate::env::{Make, Spec};
+use crate::env::{EnvironmentError, Make, Spec};
 
 pub use folder::{StudyDir, StudyError, finished_seeds, read_trial, trial_path};
 pub use trial::{ENDURANCE_STEPS, PolicyScore, SCORE_EPISODES, Trial};
@@ -51,8 +51,11 @@ pub struct NamedConfig {
 
 impl NamedConfig {
     /// The config in its own environment.
-    pub fn new(name: String, config: Config) -> Self {
-        Self { name, task: config.environment.spec(), config }
+    ///
+    /// # Errors
+    /// When the environment is a program that was not asked for its task.
+    pub fn new(name: String, config: Config) -> Result<Self, EnvironmentError> {
+        Ok(Self { name, task: config.environment.spec()?, config })
     }
 }
 

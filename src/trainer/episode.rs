@@ -14,6 +14,8 @@ pub(super) struct Episode {
     /// The generator before the start of this episode.
     start: Rng,
     actions: Vec<u8>,
+    /// An action of the agent that the environment has not carried out, because it failed before the run was resumed.
+    pending: Option<usize>,
     /// What the agent sees.
     pub(super) observation: Vec<f32>,
     /// What it sees after the latest step, until [`Self::advance`].
@@ -27,7 +29,7 @@ impl Episode {
         let rng = Rng::spawn(seed, Stream::Environment);
         let (start, next_observation) = (rng.clone(), observation.clone());
         let mut episode =
-            Self { environment, rng, start, actions: Vec::new(), observation, next_observation };
+            Self { environment, rng, start, actions: Vec::new(), pending: None, observation, next_observation };
         episode.reset()?;
         Ok(episode)
     }
@@ -39,7 +41,12 @@ impl Episode {
         self.environment.reset(Start::Stream(&mut self.rng), &mut self.observation)
     }
 
-    /// One step.
+    /// The next action: the one that is pending, or else what the agent chooses.
+    pub(super) fn action(&mut self, choose: impl FnOnce(&[f32]) -> usize) -> usize {
+        self.pending.take().unwrap_or_else(|| choose(&self.observation))
+    }
+
+    /// One step. If the environment fails, a checkpoint holds the action too.
     pub(super) fn step(&mut self, action: usize) -> Result<Outcome, EnvironmentError> {
         self.actions.push(action as u8);
         self.environment.step(action, &mut self.next_observation)
@@ -63,10 +70,12 @@ impl Episode {
         let len = tensors.shape("episode.actions")?.iter().product();
         let actions: Vec<u8> = tensors.get("episode.actions", &[len])?;
         let num_actions = self.environment.spec().num_actions;
-        if len as u64 != steps || actions.iter().any(|&action| usize::from(action) >= num_actions) {
+        let pending = actions.get(steps as usize..).unwrap_or_default();
+        if !(steps..=steps + 1).contains(&(len as u64)) || actions.iter().any(|&action| usize::from(action) >= num_actions) {
             return Err(TensorError::Inconsistent("episode").into());
         }
-        for action in actions {
+        self.pending = pending.first().map(|&action| action.into());
+        for &action in actions.iter().take(steps as usize) {
             if self.step(usize::from(action))?.ended() {
                 return Err(ResumeError::NotDeterministic);
             }

@@ -1,5 +1,10 @@
 //! Playing episodes without learning, and what their returns amount to.
 
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
 use serde::Serialize;
 
 use crate::agent::{Actor, Played, Policy, Probes};
@@ -14,7 +19,8 @@ const LOCKSTEP: u64 = 128;
 /// `reset(seed=…)` starts them, each truncated after `max_steps` steps. Returns are those of the first steps, as many as the
 /// environment's own limit allows. `gamma` is the discount of [`Played::discounted`].
 ///
-/// Episodes run in lockstep, as one batch, with the same bits as one by one ([`play`]).
+/// Episodes run in lockstep, as one batch, with the same bits as one by one ([`play`]). Those of another program run one by one
+/// in each of its processes.
 ///
 /// # Errors
 /// When the environment fails.
@@ -26,12 +32,46 @@ pub fn evaluate(
     episodes: u64,
     gamma: f64,
 ) -> Result<Vec<Played>, EnvironmentError> {
+    if let Some(processes) = make(max_steps)?.processes() {
+        return in_processes(processes, episodes, |episode| {
+            let seed = std::iter::once(first_seed.wrapping_add(episode));
+            Ok(lockstep(policy, make, max_steps, seed, gamma)?.remove(0))
+        });
+    }
     let mut played = Vec::new();
     for start in (0..episodes).step_by(LOCKSTEP as usize) {
         let seeds = (start..episodes.min(start + LOCKSTEP)).map(|episode| first_seed.wrapping_add(episode));
         played.extend(lockstep(policy, make, max_steps, seeds, gamma)?);
     }
     Ok(played)
+}
+
+/// Plays so many episodes, each with `play`, up to `processes` at the same time. Who plays which one changes nothing.
+fn in_processes(
+    processes: usize,
+    episodes: u64,
+    play: impl Fn(u64) -> Result<Played, EnvironmentError> + Sync,
+) -> Result<Vec<Played>, EnvironmentError> {
+    let next = AtomicU64::new(0);
+    let ended = Mutex::new(BTreeMap::new());
+    let play_on = || {
+        loop {
+            let episode = next.fetch_add(1, Ordering::Relaxed);
+            if episode >= episodes {
+                break;
+            }
+            let played = play(episode);
+            if played.is_err() {
+                next.store(episodes, Ordering::Relaxed);
+            }
+            ended.lock().unwrap_or_else(PoisonError::into_inner).insert(episode, played);
+        }
+    };
+    thread::scope(|scope| {
+        (1..processes.min(episodes as usize)).for_each(|_| drop(scope.spawn(play_on)));
+        play_on();
+    });
+    ended.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().collect()
 }
 
 /// An episode that is being played.

@@ -164,8 +164,14 @@ impl Trainer {
     /// # Errors
     /// See [`Self::run`].
     pub fn step(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
-        let action = self.agent.act(&self.episode.observation);
-        let outcome = self.episode.step(action)?;
+        let action = self.episode.action(|observation| self.agent.act(observation));
+        let outcome = match self.episode.step(action) {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                self.save_last(observer)?;
+                return Err(error.into());
+            }
+        };
         self.agent.observe(Transition {
             observation: &self.episode.observation,
             action,

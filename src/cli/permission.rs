@@ -1,0 +1,53 @@
+//! Whether a program that is an environment may be started: nobody's file starts one.
+
+use std::io::{self, IsTerminal, Write};
+
+use clap::Args;
+
+use super::ui::{Failure, escaped, note};
+use crate::config::{Config, EnvironmentConfig};
+
+/// The user's word for a command that stands in a file.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct AllowCommand {
+    /// Start the program that the run or checkpoint names as its environment, if it does; the command is printed first
+    #[arg(long)]
+    allow_command: bool,
+}
+
+impl AllowCommand {
+    /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one.
+    ///
+    /// # Errors
+    /// The message, when the user has not said so.
+    pub(super) fn permit(self, environment: &mut EnvironmentConfig, file: &str) -> Result<(), String> {
+        let Some(command) = environment.command() else { return Ok(()) };
+        if !self.allow_command {
+            return Err(format!(
+                "{file} names a program as its environment, and a file alone starts no program. If you trust this command, \
+                 add --allow-command: {command}"
+            ));
+        }
+        note(&format!("{file} names this program as its environment, and --allow-command starts it: {command}"));
+        environment.allow(show_line);
+        Ok(())
+    }
+}
+
+/// Allows a config that the user has given to start its program, if it has one, and asks the program for its task. A
+/// full-screen view leaves no place for what the program writes.
+pub(super) fn ask_task(config: &mut Config, has_view: bool) -> Result<(), Failure> {
+    config.environment.allow(if has_view { show_nothing } else { show_line });
+    Ok(config.ask_task()?)
+}
+
+/// Shows a line of the standard error of a program.
+fn show_line(program: &str, line: &str) {
+    let mut stderr = io::stderr().lock();
+    // The line takes the place of a progress bar, which is drawn again below it.
+    let erase = if stderr.is_terminal() { "\r\x1b[2K" } else { "" };
+    // A closed stderr leaves nobody to tell.
+    let _ = writeln!(stderr, "{erase}[{}] {}", escaped(program), escaped(line));
+}
+
+fn show_nothing(_: &str, _: &str) {}

@@ -1,0 +1,194 @@
+//! The environment of a config: a name, or a program. Nobody's file starts a program: a config can do so only after
+//! [`EnvironmentConfig::allow`].
+
+use std::fmt;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use super::ConfigError;
+use super::layer::{Layer, misplaced};
+use crate::env::catalogue::EnvironmentId;
+use crate::env::{EnvironmentError, Make, Spec};
+
+/// The key of an environment.
+pub(super) const KEY: &str = "environment";
+
+/// What the agent acts in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum EnvironmentConfig {
+    /// An environment of this crate.
+    Named(EnvironmentId),
+    /// Another program.
+    Program(ProgramConfig),
+}
+
+/// A program that is an environment, see `docs/environments.md`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProgramConfig {
+    /// The program and its arguments.
+    pub command: Vec<String>,
+    /// In how many processes at the same time evaluations are played.
+    pub processes: u32,
+    /// Seconds within which the program must answer.
+    pub timeout_seconds: u32,
+    /// What the program has said of its task. A run records it, so that a report starts no program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<Spec>,
+    #[serde(skip)]
+    permission: Permission,
+}
+
+/// What starts the program; none as long as nobody has allowed that.
+#[derive(Clone, Default)]
+struct Permission {
+    #[cfg(all(unix, feature = "program"))]
+    programs: Option<Arc<crate::env::program::Programs>>,
+}
+
+impl PartialEq for Permission {
+    /// A permission is no part of a config.
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl fmt::Debug for Permission {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Permission")
+    }
+}
+
+impl EnvironmentConfig {
+    /// What is known of the task.
+    ///
+    /// # Errors
+    /// When a program has not been asked yet.
+    pub fn spec(&self) -> Result<Spec, EnvironmentError> {
+        match self {
+            Self::Named(id) => Ok(id.spec()),
+            Self::Program(program) => program.task.clone().ok_or_else(|| {
+                EnvironmentError::new(&program.name(), "its task is not known, because it was never started")
+            }),
+        }
+    }
+
+    /// What makes the environment.
+    pub fn make(&self) -> Arc<Make> {
+        match self.clone() {
+            Self::Named(id) => Arc::new(move |max_steps| id.make(max_steps)),
+            Self::Program(program) => program.make(),
+        }
+    }
+
+    /// The command of a program, as it can be typed into a shell; none of an environment of this crate.
+    pub fn command(&self) -> Option<String> {
+        match self {
+            Self::Named(_) => None,
+            Self::Program(program) => Some(program.name()),
+        }
+    }
+
+    /// Allows the program to be started. `show` takes its command and each line of its standard error.
+    #[cfg(all(unix, feature = "program"))]
+    pub fn allow(&mut self, show: crate::env::program::ShowLine) {
+        if let Self::Program(program) = self {
+            let timeout = std::time::Duration::from_secs(program.timeout_seconds.into());
+            program.permission.programs = Some(Arc::new(crate::env::program::Programs::new(
+                program.command.clone(),
+                program.processes as usize,
+                timeout,
+                program.task.clone(),
+                show,
+            )));
+        }
+    }
+
+    /// Starts a program that is allowed to, and asks it for its task.
+    pub(super) fn ask(&mut self) -> Result<(), EnvironmentError> {
+        if let Self::Program(program) = self {
+            program.task = Some(program.ask()?);
+        }
+        Ok(())
+    }
+}
+
+impl ProgramConfig {
+    fn new(command: Vec<String>) -> Self {
+        Self { command, processes: 1, timeout_seconds: 60, task: None, permission: Permission::default() }
+    }
+
+    fn name(&self) -> String {
+        let is_plain = |c: char| c.is_alphanumeric() || "/\\:._-+=,".contains(c);
+        let word = |word: &String| match !word.is_empty() && word.chars().all(is_plain) {
+            true => word.clone(),
+            false => format!("'{}'", word.replace('\'', "'\\''")),
+        };
+        self.command.iter().map(word).collect::<Vec<_>>().join(" ")
+    }
+
+    fn refusal(&self) -> EnvironmentError {
+        EnvironmentError::new(&self.name(), "nobody has allowed its program to be started")
+    }
+
+    #[cfg(all(unix, feature = "program"))]
+    fn make(self) -> Arc<Make> {
+        use crate::env::TimeLimit;
+        Arc::new(move |max_steps| {
+            let programs = self.permission.programs.as_ref().ok_or_else(|| self.refusal())?;
+            Ok(Box::new(TimeLimit::new(programs.make()?, max_steps)))
+        })
+    }
+
+    #[cfg(not(all(unix, feature = "program")))]
+    fn make(self) -> Arc<Make> {
+        Arc::new(move |_| Err(self.refusal()))
+    }
+
+    #[cfg(all(unix, feature = "program"))]
+    fn ask(&self) -> Result<Spec, EnvironmentError> {
+        let programs = self.permission.programs.as_ref().ok_or_else(|| self.refusal())?;
+        Ok(Spec::clone(&*programs.task()?))
+    }
+
+    #[cfg(not(all(unix, feature = "program")))]
+    fn ask(&self) -> Result<Spec, EnvironmentError> {
+        Err(self.refusal())
+    }
+}
+
+/// The members of a program and their defaults, without its task.
+pub(super) fn program_defaults() -> Map<String, Value> {
+    super::keys::object(ProgramConfig::new(Vec::new()))
+}
+
+/// Merges the environment. A layer with a name or with a command begins afresh; the other keys of a program change one that
+/// a lower layer names.
+pub(super) fn merged(default: &EnvironmentConfig, layers: &[Layer]) -> Result<Value, ConfigError> {
+    let mut value = json!(default);
+    for Layer { origin, values } in layers {
+        let own: Map<String, Value> = values
+            .iter()
+            .filter_map(|(path, value)| Some((path.strip_prefix(KEY)?.strip_prefix('.')?.into(), value.clone())))
+            .collect();
+        if let Some(name) = values.get(KEY) {
+            value = name.clone();
+        }
+        if own.contains_key("command") && !values.contains_key(KEY) {
+            value = program_defaults().into();
+        }
+        match &mut value {
+            Value::Object(members) => members.extend(own),
+            name => {
+                if let Some(key) = own.keys().next() {
+                    let hint = format!("`{KEY}` is {name} here, and only a program, with `command`, has such keys");
+                    return Err(misplaced(origin, &format!("{KEY}.{key}"), hint));
+                }
+            }
+        }
+    }
+    Ok(value)
+}

@@ -1,0 +1,257 @@
+//! One process of a program: its pipes, its time limits and its end.
+
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::process::{Pid, Signal, kill_process_group};
+
+use super::super::EnvironmentError;
+use super::ShowLine;
+
+/// Longest answer in bytes; a picture may be longer.
+pub(super) const MAX_ANSWER: usize = 1 << 20;
+/// Longest line of standard error in bytes. A longer one is shown in parts.
+const MAX_ERROR_LINE: u64 = 1 << 12;
+/// Lines of standard error that a message shows.
+const LAST_LINES: usize = 5;
+/// How long a process has for its end, first after the end of its standard input and then after SIGTERM.
+const GRACE: Duration = Duration::from_secs(1);
+/// A shell that waits for the end of its standard input, which is our end, and then ends the process group `$1`. The program
+/// has two seconds to end by itself.
+const GUARD: &str = r#"read -r _; sleep 2; kill -s KILL -- "-$1""#;
+
+/// A running program. It is in a process group of its own, which ends with this value, and also when our process is killed.
+pub(super) struct Process {
+    /// The command, for messages.
+    name: String,
+    timeout: Duration,
+    child: Child,
+    guard: Option<Child>,
+    /// None once the process is to end.
+    pipes: Option<(ChildStdin, ChildStdout)>,
+    /// What has been read and is not used yet.
+    buffer: Vec<u8>,
+    errors: JoinHandle<()>,
+    last_lines: Arc<Mutex<VecDeque<String>>>,
+    /// Whether an episode has been started twice and was the same.
+    pub(super) is_checked: bool,
+}
+
+impl Process {
+    pub(super) fn start(
+        command: &[String],
+        timeout: Duration,
+        show: ShowLine,
+    ) -> Result<Self, EnvironmentError> {
+        let name = shortened(&command.join(" "));
+        let error = |problem: String| EnvironmentError::new(&name, &problem);
+        let (program, arguments) = command.split_first().ok_or_else(|| error("there is no command".into()))?;
+        let spawned = Command::new(program)
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .process_group(0)
+            .spawn();
+        let mut child = spawned.map_err(|problem| {
+            error(format!(
+                "cannot be started: {problem}. `environment.command` is a list of the program and its arguments; without a \
+                 slash the program is searched in PATH, and other paths begin at the current directory"
+            ))
+        })?;
+        let guard = guard(&child);
+        let last_lines = Arc::new(Mutex::new(VecDeque::new()));
+        let pipes = child.stdin.take().zip(child.stdout.take());
+        let (stderr, kept, mark) = (child.stderr.take(), Arc::clone(&last_lines), name.clone());
+        let errors = thread::spawn(move || stderr.into_iter().for_each(|pipe| relay(pipe, &mark, show, &kept)));
+        let buffer = Vec::new();
+        Ok(Self { name, timeout, child, guard, pipes, buffer, errors, last_lines, is_checked: false })
+    }
+
+    /// Writes a request and reads its answer, one line of at most `max_bytes`.
+    pub(super) fn ask(&mut self, request: &str, max_bytes: usize) -> Result<String, EnvironmentError> {
+        if self.is_readable(Duration::ZERO) && self.read().is_ok_and(|count| count > 0) {
+            let line = shortened(&String::from_utf8_lossy(&self.buffer));
+            return Err(self.error(&format!("it wrote `{line}` before it was asked `{request}`; {STDOUT}")));
+        }
+        let written = match &mut self.pipes {
+            Some((stdin, _)) => stdin.write_all(format!("{request}\n").as_bytes()),
+            None => Ok(()),
+        };
+        let deadline = Instant::now() + self.timeout;
+        loop {
+            if self.buffer.contains(&b'\n') {
+                return self.line(request);
+            }
+            if self.buffer.len() > max_bytes {
+                let start = shortened(&String::from_utf8_lossy(&self.buffer));
+                return Err(self.error(&format!(
+                    "it answered `{request}` with a line of more than {max_bytes} bytes, which begins with `{start}`"
+                )));
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if written.is_ok() && !self.is_readable(left) {
+                let seconds = self.timeout.as_secs();
+                return Err(self.error(&format!(
+                    "it did not answer `{request}` with a line within {seconds} s (`environment.timeout_seconds`)"
+                )));
+            }
+            if written.is_err() || self.read().is_ok_and(|count| count == 0) {
+                let end = self.end();
+                return Err(self.error(&format!("it {end} and did not answer `{request}`")));
+            }
+        }
+    }
+
+    /// Takes the line that has been read. There must be nothing behind it.
+    fn line(&mut self, request: &str) -> Result<String, EnvironmentError> {
+        let bytes = std::mem::take(&mut self.buffer);
+        let text = match String::from_utf8(bytes) {
+            Ok(text) => text,
+            Err(bytes) => {
+                let text = shortened(&String::from_utf8_lossy(bytes.as_bytes()));
+                return Err(self.error(&format!("it answered `{request}` with `{text}`, which is not UTF-8")));
+            }
+        };
+        match text.split_once('\n') {
+            Some((line, "")) => Ok(line.trim_end_matches('\r').to_owned()),
+            _ => {
+                let text = shortened(&text);
+                Err(self.error(&format!("it answered `{request}` with more than one line: `{text}`; {STDOUT}")))
+            }
+        }
+    }
+
+    /// Waits until there is something to read, or the end of the pipe.
+    fn is_readable(&self, timeout: Duration) -> bool {
+        let Some((_, stdout)) = &self.pipes else { return true };
+        let deadline = Instant::now() + timeout;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let left = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+            match poll(&mut [PollFd::new(stdout, PollFlags::IN)], Some(&left)) {
+                Err(Errno::INTR) => {}
+                Ok(ready) => return ready > 0,
+                Err(_) => return true,
+            }
+        }
+    }
+
+    /// Reads what there is; 0 bytes at the end of the pipe.
+    fn read(&mut self) -> std::io::Result<usize> {
+        let Some((_, stdout)) = &mut self.pipes else { return Ok(0) };
+        let mut part = [0; 1 << 14];
+        let count = stdout.read(&mut part)?;
+        self.buffer.extend_from_slice(&part[..count]);
+        Ok(count)
+    }
+
+    /// How a process has ended that gives no answers any more.
+    fn end(&mut self) -> String {
+        match self.wait() {
+            Some(status) => {
+                // What it wrote to standard error is on its way.
+                let deadline = Instant::now() + GRACE / 2;
+                while !self.errors.is_finished() && Instant::now() < deadline {
+                    thread::sleep(Duration::from_millis(1));
+                }
+                format!("ended ({status})")
+            }
+            None => "closed its standard input or output".into(),
+        }
+    }
+
+    /// Waits for the end of the process, but not for long.
+    fn wait(&mut self) -> Option<ExitStatus> {
+        let deadline = Instant::now() + GRACE;
+        loop {
+            match self.child.try_wait() {
+                Ok(Some(status)) => return Some(status),
+                Ok(None) if Instant::now() < deadline => thread::sleep(Duration::from_millis(1)),
+                _ => return None,
+            }
+        }
+    }
+
+    /// The error with the command, and with what the program last wrote to standard error.
+    pub(super) fn error(&self, problem: &str) -> EnvironmentError {
+        let lines = self.last_lines.lock().unwrap_or_else(PoisonError::into_inner);
+        let lines: Vec<&str> = lines.iter().map(String::as_str).collect();
+        let lines = match &lines[..] {
+            [] => String::new(),
+            lines => format!(". The end of its standard error: {}", lines.join(" | ")),
+        };
+        EnvironmentError::new(&self.name, &format!("{problem}{lines}"))
+    }
+}
+
+const STDOUT: &str = "its standard output is for answers alone, and everything else must go to its standard error";
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.pipes = None;
+        let group = Pid::from_child(&self.child);
+        if self.wait().is_none() {
+            let _ = kill_process_group(group, Signal::TERM);
+            self.wait();
+        }
+        // Whatever is left of the group.
+        let _ = kill_process_group(group, Signal::KILL);
+        let _ = self.child.wait();
+        if let Some(guard) = &mut self.guard {
+            let _ = guard.kill();
+            let _ = guard.wait();
+        }
+    }
+}
+
+/// Starts what ends the program when we are killed. Without a shell, only the end of its standard input tells the program.
+fn guard(child: &Child) -> Option<Child> {
+    Command::new("/bin/sh")
+        .args(["-c", GUARD, "guard", &child.id().to_string()])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .process_group(0)
+        .spawn()
+        .ok()
+}
+
+/// Shows standard error line by line, and keeps the last lines.
+fn relay(pipe: ChildStderr, name: &str, show: ShowLine, kept: &Mutex<VecDeque<String>>) {
+    let mut pipe = BufReader::new(pipe);
+    let mut line = Vec::new();
+    while (&mut pipe).take(MAX_ERROR_LINE).read_until(b'\n', &mut line).is_ok_and(|count| count > 0) {
+        let text = printable(String::from_utf8_lossy(&line).trim_end());
+        show(name, &text);
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.push_back(shortened(&text));
+        if kept.len() > LAST_LINES {
+            kept.pop_front();
+        }
+        line.clear();
+    }
+}
+
+/// The text without what would steer a terminal.
+fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}
+
+/// The start of a text, for a message.
+pub(super) fn shortened(text: &str) -> String {
+    const LENGTH: usize = 200;
+    let text = text.trim_end();
+    let mut start = printable(&text.chars().take(LENGTH).collect::<String>());
+    if text.chars().nth(LENGTH).is_some() {
+        start.push('…');
+    }
+    start
+}
