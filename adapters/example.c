@@ -1,6 +1,6 @@
 // A task of its own in C, as an environment of cartpole-dqn: push a point on a line until it rests at 0.
 // Compile: cc -O2 -ffp-contract=off -o dock adapters/example.c -lm
-// Train:   cartpole-dqn train --config adapters/example.json --set 'environment.command=["./dock"]'
+// Train:   cartpole-dqn train --config adapters/example.json
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -8,7 +8,7 @@
 #include <string.h>
 
 static const char *HELLO = "{\"protocol\": 1, \"name\": \"Dock\", \"observation_size\": 2, \"actions\": 3, \"max_steps\": 100, "
-                           "\"solved_return\": -9, \"return_range\": [-300, 0], \"steps_per_second\": 10, "
+                           "\"solved_return\": -5, \"return_range\": [-200, 0], \"steps_per_second\": 10, "
                            "\"action_names\": [\"left\", \"nothing\", \"right\"], \"observation_names\": [\"x\", \"v\"], "
                            "\"mirror\": {\"observation\": [[0, -1], [1, -1]], \"actions\": [2, 1, 0]}}";
 
@@ -32,7 +32,7 @@ int main(void) {
         } else if (strncmp(line, "step ", 5) == 0) {
             v += 0.1 * (atoi(line + 5) - 1), x += 0.1 * v;
             int lost = fabs(x) > 2.0; // The time limit of 100 steps is kept by cartpole-dqn.
-            printf("step %.17g %d 0 %.17g %.17g\n", lost ? -100.0 : -fabs(x), lost, x, v);
+            printf("step %.17g %d 0 %.17g %.17g\n", lost ? -20.0 : -fabs(x), lost, x, v);
         } else {
             puts(strcmp(line, "render\n") == 0 ? "no frame" : "error this request is unknown");
         }

@@ -36,16 +36,11 @@ def parse():
 
 class Task:
     def __init__(self, arguments):
-        def make(**more):
-            # -1: without a time limit. cartpole-dqn keeps it, because training may have another one than evaluation.
-            return gymnasium.make(
-                arguments.id, max_episode_steps=-1, disable_env_checker=True, **arguments.kwargs, **more
-            )
-
-        self.env = make()
-        if "rgb_array" in self.env.metadata.get("render_modes", []) and "render_mode" not in arguments.kwargs:
-            self.env.close()
-            self.env = make(render_mode="rgb_array")
+        self.arguments = arguments
+        self.env = self.make()
+        # The same episode in an environment that draws: some environments do more work as soon as they can draw.
+        self.drawn = None
+        self.seed, self.actions = 0, []
         seen, done = self.env.observation_space, self.env.action_space
         if not isinstance(seen, gymnasium.spaces.Box) or len(seen.shape) != 1:
             raise ValueError(f"the observation space must be a Box of one dimension, and it is {seen}")
@@ -66,15 +61,43 @@ class Task:
             "steps_per_second": self.env.metadata.get("render_fps"),
         }
 
+    def make(self, **more):
+        # -1: without a time limit. cartpole-dqn keeps it, because training may have another one than evaluation.
+        settings = {"max_episode_steps": -1, "disable_env_checker": True, **self.arguments.kwargs, **more}
+        return gymnasium.make(self.arguments.id, **settings)
+
+    def reset(self, seed):
+        self.seed, self.actions = seed, []
+        if self.drawn:
+            self.drawn.reset(seed=seed)
+        return self.env.reset(seed=seed)[0]
+
+    def step(self, action):
+        self.actions.append(action)
+        if self.drawn:
+            self.drawn.step(action)
+        return self.env.step(action)
+
+    def render(self):
+        if "rgb_array" not in self.env.metadata.get("render_modes", []):
+            return "no frame"
+        if not self.drawn:
+            self.drawn = self.make(render_mode="rgb_array")
+            self.drawn.reset(seed=self.seed)
+            for action in self.actions:
+                self.drawn.step(action)
+        pixels = self.drawn.render()
+        height, width, _ = pixels.shape
+        return f"frame {width} {height} {base64.b64encode(pixels.astype(numpy.uint8).tobytes()).decode()}"
+
     def answer(self, request, argument):
         if request == b"step":
-            seen, reward, terminated, truncated, _ = self.env.step(int(argument) + self.first_action)
+            seen, reward, terminated, truncated, _ = self.step(int(argument) + self.first_action)
             return f"step {float(reward)!r} {terminated:d} {truncated:d} {numbers(seen)}"
         if request == b"reset":
-            seen, _ = self.env.reset(seed=int(argument))
-            return f"reset {numbers(seen)}"
+            return f"reset {numbers(self.reset(int(argument)))}"
         if request == b"render":
-            return frame(self.env.render())
+            return self.render()
         if request == b"hello" and argument == b"1":
             return json.dumps(self.hello)
         raise ValueError(f"this adapter does not know the request {request!r} {argument!r}")
@@ -82,13 +105,6 @@ class Task:
 
 def numbers(seen):
     return " ".join(map(repr, seen.tolist()))
-
-
-def frame(pixels):
-    if not isinstance(pixels, numpy.ndarray):
-        return "no frame"
-    height, width, _ = pixels.shape
-    return f"frame {width} {height} {base64.b64encode(pixels.astype(numpy.uint8).tobytes()).decode()}"
 
 
 def main():

@@ -34,6 +34,11 @@ impl AllowCommand {
     }
 }
 
+/// What a command for a run of this config must have behind it.
+pub(super) fn allowance(config: &Config) -> &'static str {
+    if config.environment.command().is_some() { " --allow-command" } else { "" }
+}
+
 /// Allows a config that the user has given to start its program, if it has one, and asks the program for its task. A
 /// full-screen view leaves no place for what the program writes.
 pub(super) fn ask_task(config: &mut Config, has_view: bool) -> Result<(), Failure> {

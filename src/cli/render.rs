@@ -9,15 +9,18 @@ use super::output::Output;
 use super::permission::AllowCommand;
 use super::policy::{Place, STANDARD};
 use super::ui::{Failure, note, print};
-use crate::draw::{is_gif, is_svg, svg, write_gif};
+use crate::draw::{Film, is_film, is_gif, is_svg, svg, write_gif};
 use crate::env::scene::Scene;
+use crate::env::{Environment, EnvironmentError};
+use crate::run::SavedPolicy;
 use crate::text::shown;
-use crate::trainer::{Frame, SCORE_SEED, record};
+use crate::trainer::{self, Frame, SCORE_SEED, record};
 
 /// Draw an episode of a trained policy as an animated picture.
 ///
 /// The picture has 600 × 400 pixels and looks as Gymnasium's renderer draws it. It has a frame for each step, as many a second
-/// as the environment makes steps: 50 for CartPole-v1. The same checkpoint and seed give the same bytes.
+/// as the environment makes steps: 50 for CartPole-v1. An environment that is another program draws its picture itself. The
+/// same checkpoint and seed give the same bytes.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn render runs/my-run -o episode.gif")]
 pub(super) struct Arguments {
@@ -50,10 +53,10 @@ enum Format {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { place, allow, output: path, seed, steps, quiet, .. } = arguments;
+    let Arguments { place, allow, output: path, seed, quiet, .. } = arguments;
     let format = format(arguments)?;
     let (what, is_own): (_, fn(&[u8]) -> bool) = match format {
-        Format::Gif => ("a GIF of `render`", is_gif),
+        Format::Gif => ("a GIF of `render`", |start| is_gif(start) || is_film(start)),
         Format::Svg => ("an SVG of `render`", is_svg),
     };
     let output = Output { option: "--output", path, what, is_own };
@@ -64,18 +67,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = place.find(*quiet)?;
     let policy = found.policy()?;
     let mut environment = found.make_environment(*allow)?;
-    let frames = record(&mut policy.greedy(1), &mut *environment, *seed)?.frames;
-    let count = steps.map_or(frames.len(), |steps| steps as usize + 1);
-    let task = environment.spec();
-    let scenes = scenes(frames.into_iter().take(count), &task.id)?;
-    let drawn = scenes.len() - 1;
-    let is_read = output.write(|file| match format {
-        Format::Gif => write_gif(file, &scenes, task.steps_per_second),
-        Format::Svg => {
-            let title = format!("{}, {drawn} steps", task.id);
-            file.write_all(svg(&scenes, task.steps_per_second, &title).as_bytes())
+    let (drawn, is_read) = match (environment.processes(), format) {
+        (None, _) => draw(&output, format, &policy, &mut *environment, arguments)?,
+        (Some(_), Format::Gif) => write_film(&output, &policy, &mut *environment, arguments)?,
+        (Some(_), Format::Svg) => {
+            return Err(Failure::BadInput(format!(
+                "an SVG is made of shapes, and {} is a program, which gives pixels; give a file that ends in .gif",
+                environment.spec().id
+            )));
         }
-    })?;
+    };
     let said = format!("{}: {drawn} steps from Gymnasium's seed {seed}", shown(path));
     match (quiet, output.is_standard()) {
         (true, _) => {}
@@ -84,6 +85,74 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         (false, false) => print(&(said + "\n"))?,
     }
     Ok(())
+}
+
+/// Writes an episode of shapes. Returns its steps, and whether somebody reads it.
+fn draw(
+    output: &Output<'_>,
+    format: Format,
+    policy: &SavedPolicy,
+    environment: &mut dyn Environment,
+    arguments: &Arguments,
+) -> Result<(u64, bool), Failure> {
+    let frames = record(&mut policy.greedy(1), environment, arguments.seed)?.frames;
+    let task = environment.spec();
+    let count = arguments.steps.map_or(frames.len(), |steps| steps as usize + 1);
+    let scenes = scenes(frames.into_iter().take(count), &task.id)?;
+    let drawn = scenes.len() as u64 - 1;
+    let is_read = output.write(|file| match format {
+        Format::Gif => write_gif(file, &scenes, task.steps_per_second),
+        Format::Svg => {
+            let title = format!("{}, {drawn} steps", task.id);
+            file.write_all(svg(&scenes, task.steps_per_second, &title).as_bytes())
+        }
+    })?;
+    Ok((drawn, is_read))
+}
+
+/// Why there is no film.
+#[derive(Debug, thiserror::Error)]
+enum NoFilm {
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    #[error(transparent)]
+    Write(#[from] io::Error),
+    #[error("the program draws nothing: it answered `render` with `no frame`")]
+    NoFrame,
+}
+
+/// Writes an episode of a program, which gives pixels. Returns its steps, and whether somebody reads it.
+fn write_film(
+    output: &Output<'_>,
+    policy: &SavedPolicy,
+    environment: &mut dyn Environment,
+    arguments: &Arguments,
+) -> Result<(u64, bool), Failure> {
+    let rate = environment.spec().steps_per_second;
+    let (seed, steps) = (arguments.seed, arguments.steps.unwrap_or(u64::MAX));
+    let mut result = Ok(0);
+    let is_read = output.write(|file| {
+        let mut film = None;
+        result = trainer::film(&mut policy.greedy(1), environment, seed, steps, |image, is_last| {
+            let image = image.ok_or(NoFilm::NoFrame)?;
+            let film = match &mut film {
+                Some(film) => film,
+                none => none.insert(Film::new(&mut *file, &image, rate)?),
+            };
+            Ok(film.add(&image, is_last)?)
+        });
+        match &mut result {
+            Err(NoFilm::Write(error)) => Err(io::Error::new(error.kind(), error.to_string())),
+            Err(other) => Err(io::Error::other(other.to_string())),
+            Ok(_) => Ok(()),
+        }
+    });
+    match result {
+        Ok(steps) => Ok((steps, is_read?)),
+        Err(NoFilm::Write(_)) => Ok((0, is_read?)),
+        Err(NoFilm::Environment(error)) => Err(error.into()),
+        Err(NoFilm::NoFrame) => Err(Failure::BadInput(NoFilm::NoFrame.to_string())),
+    }
 }
 
 fn format(arguments: &Arguments) -> Result<Format, Failure> {

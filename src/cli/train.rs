@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::layers::Layers;
-use super::permission::{AllowCommand, ask_task};
+use super::permission::{AllowCommand, allowance, ask_task};
 use super::signals::Signals;
 use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say, shell_word};
 use crate::config::{Config, MAX_BYTES};
@@ -109,7 +109,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
                 print_json(&unended(&run, &trainer, seconds, "interrupted"))?;
             }
             let steps = trainer.progress().env_steps;
-            let message = format!("stopped after step {steps}; resume with:\n  {}", resume_command(&run));
+            let message = format!("stopped after step {steps}; resume with:\n  {}", resume_command(&run, &config));
             return Err(Failure::Interrupted(message, signals.exit_code()));
         }
         Ok(reason) => reason,
@@ -120,7 +120,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
                 record["error"] = json!(error.to_string());
                 print_json(&record)?;
             }
-            return Err(Failure::Failed(format!("{error}; {}", what_is_kept(&run, &error))));
+            return Err(Failure::Failed(format!("{error}; {}", what_is_kept(&run, &config, &error))));
         }
     };
     let record = Record::new(&run, &trainer, reason, seconds);
@@ -130,7 +130,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     match (arguments.json, arguments.quiet) {
         (true, _) => print_json(&record)?,
         (false, true) => {}
-        (false, false) => print(&describe(&record, &trainer, &run))?,
+        (false, false) => print(&describe(&record, &trainer, &run, allowance(&config)))?,
     }
     saved.map_err(|error| cannot_write(&run.summary(), &error, ""))
 }
@@ -143,7 +143,7 @@ fn unended(run: &RunDir, trainer: &Trainer, seconds: f64, end_reason: &str) -> s
 }
 
 /// What a run that has failed leaves, and how it can be resumed.
-fn what_is_kept(run: &RunDir, error: &TrainError) -> String {
+fn what_is_kept(run: &RunDir, config: &Config, error: &TrainError) -> String {
     let path = run.path().display();
     let kept = match () {
         () if run.last().is_file() => format!("the last good checkpoint is kept in {path}"),
@@ -154,7 +154,7 @@ fn what_is_kept(run: &RunDir, error: &TrainError) -> String {
     };
     match error {
         TrainError::Diverged { .. } => kept,
-        _ => format!("{kept}; when the problem is solved, resume with: {}", resume_command(run)),
+        _ => format!("{kept}; when the problem is solved, resume with: {}", resume_command(run, config)),
     }
 }
 
@@ -249,7 +249,7 @@ fn fitting(label: &str, value: &str) -> String {
     }
 }
 
-fn describe(record: &Record, trainer: &Trainer, run: &RunDir) -> String {
+fn describe(record: &Record, trainer: &Trainer, run: &RunDir, allowance: &str) -> String {
     let Summary {
         env_steps, episodes, updates, seed, wall_seconds, best_evaluation, final_evaluation, ..
     } = record.summary;
@@ -284,8 +284,8 @@ weights    SHA-256 of the online network at the end:
            {}
 {collapsed}
 Next: play the best policy on new episodes, watch it, draw the learning curve.
-  {program} eval {argument}
-  {program} watch {argument}
+  {program} eval {argument}{allowance}
+  {program} watch {argument}{allowance}
   {program} report {argument}
 ",
         fitting("run       ", &path),
@@ -298,6 +298,6 @@ fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &Spec) -> String 
     format!("mean return {mean:.1} in the evaluation at step {env_steps}: {solved}")
 }
 
-fn resume_command(run: &RunDir) -> String {
-    format!("{} train --resume {}", program(), shell_word(&run.path().to_string_lossy()))
+fn resume_command(run: &RunDir, config: &Config) -> String {
+    format!("{} train --resume {}{}", program(), shell_word(&run.path().to_string_lossy()), allowance(config))
 }

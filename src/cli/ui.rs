@@ -7,7 +7,7 @@ use crate::config::ConfigError;
 use crate::env::EnvironmentError;
 use crate::run::{CheckpointError, CheckpointProblem, RunError};
 use crate::text::{shown, steers};
-use crate::trainer::TrainError;
+use crate::trainer::{ResumeError, TrainError};
 use crate::view::NoView;
 
 /// Why a command ended without success.
@@ -57,6 +57,9 @@ impl From<ConfigError> for Failure {
 
 impl From<CheckpointError> for Failure {
     fn from(error: CheckpointError) -> Self {
+        if let CheckpointProblem::Resume(ResumeError::Environment(_)) = error.problem {
+            return Self::Failed(on_one_line(&error));
+        }
         let hint = match error.problem {
             CheckpointProblem::Unreadable(_) | CheckpointProblem::NotSafetensors(_) => {
                 "; give a .safetensors file or the directory of a run"

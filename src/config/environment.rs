@@ -160,9 +160,11 @@ impl ProgramConfig {
     }
 }
 
-/// The members of a program and their defaults, without its task.
+/// The members of a program that have defaults.
 pub(super) fn program_defaults() -> Map<String, Value> {
-    super::keys::object(ProgramConfig::new(Vec::new()))
+    let mut members = super::keys::object(ProgramConfig::new(Vec::new()));
+    members.shift_remove("command");
+    members
 }
 
 /// Merges the environment. A layer with a name or with a command begins afresh; the other keys of a program change one that

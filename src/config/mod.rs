@@ -332,7 +332,10 @@ impl Config {
     pub fn trainer(&self) -> TrainerConfig {
         TrainerConfig {
             seed: self.seed,
-            max_episode_steps: self.max_episode_steps.unwrap_or_else(|| self.environment.spec().max_steps),
+            max_episode_steps: self.max_episode_steps.unwrap_or_else(|| {
+                // Where the task is not known, the run cannot be made.
+                self.environment.spec().map_or(1, |task| task.max_steps)
+            }),
             budget: self.budget,
             evaluation: self.evaluation.clone(),
             checkpoint: self.checkpoint.clone(),

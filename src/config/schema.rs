@@ -83,8 +83,8 @@ fn find(path: &str) -> Option<&'static Key> {
 fn described(key: &Key, schema: Value, default: &Value) -> Value {
     let mut described = object(json!({"description": key.meaning}));
     described.extend(object(schema));
-    // `$schema` has no default.
-    if key.path != "$schema" {
+    // Some keys have no default.
+    if key.allowed.admits(default) {
         described.insert("default".into(), default.clone());
     }
     described.into()
@@ -125,7 +125,7 @@ fn default_of(path: &str) -> Option<Value> {
         return first.get(name).cloned();
     }
     if let Some(name) = path.strip_prefix(KEY).and_then(|rest| rest.strip_prefix('.')) {
-        return program_defaults().get(name).filter(|_| name != "command").cloned();
+        return program_defaults().get(name).cloned();
     }
     json!(Config::default()).pointer(&pointer(path)).cloned()
 }

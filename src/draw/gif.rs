@@ -32,8 +32,7 @@ struct Area {
 /// When it cannot be written.
 pub fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f64) -> io::Result<()> {
     let palette = Palette::of(scenes);
-    // A frame lasts a whole number of hundredths of a second. Browsers slow frames of one hundredth down.
-    let delay = (100.0 / frames_per_second).round().clamp(2.0, 100.0) as u16;
+    let delay = delay(frames_per_second);
     let mut encoder = Encoder::new(out, WIDTH, HEIGHT, &palette.entries()).map_err(io_error)?;
     encoder.set_repeat(Repeat::Infinite).map_err(io_error)?;
     let mut shown = vec![palette.unchanged(); usize::from(WIDTH) * usize::from(HEIGHT)];
@@ -48,13 +47,18 @@ pub fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f64) -> i
     Ok(())
 }
 
+/// How long a frame lasts, in hundredths of a second, a whole number. Browsers slow frames of one hundredth down.
+pub(super) fn delay(frames_per_second: f64) -> u16 {
+    (100.0 / frames_per_second).round().clamp(2.0, 100.0) as u16
+}
+
 /// Whether a file that begins like this can be one of [`write_gif`]: its size is that of the pictures.
 pub fn is_gif(start: &[u8]) -> bool {
     let size = [WIDTH.to_le_bytes(), HEIGHT.to_le_bytes()].concat();
     start.strip_prefix(b"GIF89a").is_some_and(|rest| rest.starts_with(&size))
 }
 
-fn io_error(error: EncodingError) -> io::Error {
+pub(super) fn io_error(error: EncodingError) -> io::Error {
     match error {
         EncodingError::Io(error) => error,
         other => io::Error::other(other),

@@ -1,15 +1,17 @@
 //! Scenes as pictures: an episode as an animated GIF or SVG, and one scene in the terminal.
 //!
 //! Every drawing works for every environment, because an environment gives its picture as shapes. The same scenes give the
-//! same bytes.
+//! same bytes. Another program gives its picture as pixels, which a [`Film`] holds as they are.
 
 #[cfg(feature = "view")]
 mod braille;
+mod film;
 mod gif;
 mod svg;
 
 #[cfg(feature = "view")]
 pub use braille::draw as draw_braille;
+pub use film::{Film, is_film};
 pub use gif::{is_gif, write_gif};
 pub use svg::{is_svg, svg};
 

@@ -82,6 +82,7 @@ impl Spec {
             (self.solved_return.is_none_or(f64::is_finite), "`solved_return` must be finite"),
             (low.is_finite() && high.is_finite() && low < high, "`return_range` must be [low, high]"),
             ((1e-3..=1e6).contains(&self.steps_per_second), "`steps_per_second` must be 0.001 to 1000000"),
+            (self.map.is_none(), "only an environment of this crate has a map"),
             (self.actions.len() == num_actions, "each action must have a name"),
             (self.observations.len() == size, "each number of an observation must have a name"),
             (names.iter().all(is_name), "a name must have 1 to 100 characters, and no control characters"),

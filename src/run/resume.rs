@@ -340,6 +340,7 @@ fn can_be_replaced(problem: &CheckpointProblem) -> bool {
             | CheckpointProblem::Memory(_)
             | CheckpointProblem::WrongVersion(_)
             | CheckpointProblem::OtherRun(_)
+            | CheckpointProblem::Resume(ResumeError::Environment(_) | ResumeError::NotDeterministic)
     );
     !readable || is_missing(problem)
 }

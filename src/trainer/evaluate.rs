@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::agent::{Actor, Played, Policy, Probes};
 use crate::env::scene::Scene;
-use crate::env::{Environment, EnvironmentError, Make, Outcome, Start};
+use crate::env::{Environment, EnvironmentError, Image, Make, Outcome, Start};
 use crate::rng::Rng;
 
 /// Most episodes that are played at the same time.
@@ -32,7 +32,8 @@ pub fn evaluate(
     episodes: u64,
     gamma: f64,
 ) -> Result<Vec<Played>, EnvironmentError> {
-    if let Some(processes) = make(max_steps)?.processes() {
+    let processes = make(max_steps)?.processes();
+    if let Some(processes) = processes {
         return in_processes(processes, episodes, |episode| {
             let seed = std::iter::once(first_seed.wrapping_add(episode));
             Ok(lockstep(policy, make, max_steps, seed, gamma)?.remove(0))
@@ -236,6 +237,32 @@ pub fn record(
             frames.push(frame(environment, &observation, None, Vec::new()));
             return Ok(Recording { frames, total, end: outcome });
         }
+    }
+}
+
+/// Plays the first `steps` steps of an episode of a policy, and shows `see` the pixels of every moment and whether it is the last
+/// one; none if the environment draws nothing. Returns the steps.
+///
+/// # Errors
+/// The first error of the environment or of `see`, which ends the episode.
+pub fn film<X: From<EnvironmentError>>(
+    actor: &mut impl Actor,
+    environment: &mut dyn Environment,
+    seed: u64,
+    steps: u64,
+    mut see: impl FnMut(Option<Image>, bool) -> Result<(), X>,
+) -> Result<u64, X> {
+    let mut observation = vec![0.0; environment.spec().observation_size];
+    environment.reset(Start::Seed(seed), &mut observation)?;
+    let (mut step, mut is_last) = (0, steps == 0);
+    loop {
+        see(environment.image()?, is_last)?;
+        if is_last {
+            return Ok(step);
+        }
+        step += 1;
+        let outcome = environment.step(actor.act(&observation), &mut observation)?;
+        is_last = outcome.ended() || step == steps;
     }
 }
 

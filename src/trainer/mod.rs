@@ -17,7 +17,7 @@ use crate::env::{EnvironmentError, Make, Spec};
 use crate::tensors::{TensorError, Tensors};
 use episode::Episode;
 
-pub use evaluate::{Frame, Recording, Score, TraceStep, evaluate, play, record};
+pub use evaluate::{Frame, Recording, Score, TraceStep, evaluate, film, play, record};
 pub use event::{EndReason, Event};
 pub use observer::{CheckpointKind, DueCheckpoint, Fanout, Observer};
 pub use progress::{Evaluation, Progress, Summary};

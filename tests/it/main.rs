@@ -18,6 +18,8 @@ mod golden_tasks;
 mod golden_update;
 #[cfg(unix)]
 mod hostile;
+#[cfg(unix)]
+mod hostile_programs;
 mod kernels;
 mod mirror;
 mod replay;

@@ -50,6 +50,7 @@ impl Hello {
             actions: self.action_names.unwrap_or_else(|| numbered(self.actions)),
             observations: self.observation_names.unwrap_or_else(|| numbered(self.observation_size)),
             mirror: self.mirror,
+            map: None,
         };
         spec.problem().map_or(Ok(spec), Err)
     }

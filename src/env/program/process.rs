@@ -98,7 +98,7 @@ impl Process {
             }
             let left = deadline.saturating_duration_since(Instant::now());
             if written.is_ok() && !self.is_readable(left) {
-                let seconds = self.timeout.as_secs();
+                let seconds = self.timeout.as_secs_f64();
                 return Err(self.error(&format!(
                     "it did not answer `{request}` with a line within {seconds} s (`environment.timeout_seconds`)"
                 )));

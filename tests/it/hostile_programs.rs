@@ -1,0 +1,215 @@
+//! Programs that are environments and do everything wrong: each ends in a clear message, none in a hang, and none leaves a
+//! process.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use cartpole_dqn::env::program::Programs;
+use cartpole_dqn::env::{Environment, EnvironmentError, Start};
+
+/// Answers well, but for what the first argument says. The second argument is a mark that nothing else has.
+const SCRIPT: &str = r#"
+import json, os, signal, sys, time
+mode = sys.argv[1]
+HELLO = {"protocol": 1, "name": "Task", "observation_size": 2, "actions": 2, "max_steps": 10}
+def hello(**changes): return json.dumps({**HELLO, **changes})
+def say(text): sys.stdout.write(text + "\n"); sys.stdout.flush()
+def raw(data): os.write(1, data)
+def sleep(): time.sleep(600)
+def drip():
+    while True: raw(b"1"); time.sleep(0.02)
+def endless(part):
+    while True: raw(part)
+def grandchild():
+    if os.fork() == 0: sleep()
+    os._exit(4)
+def stubborn():
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+def late():
+    say("step 1 0 0 1 2"); time.sleep(0.1); say("step 9 0 0 9 9")
+    if os.fork() == 0: os._exit(0)
+def close():
+    say("step 1 0 0 1 2"); sys.stdin.readline(); os.close(1); sleep()
+def flood():
+    for _ in range(100): os.write(2, b"\x1b[31mno line break " * 1000)
+    os._exit(5)
+AT = {
+    "hello": {
+        "silent": sleep, "drip": drip, "endless line": lambda: endless(b"x" * 65536),
+        "endless lines": lambda: endless(b"step 1\n" * 100), "binary": lambda: raw(b"\xff\xfe\x00\x80\n"),
+        "banner": lambda: say("Welcome to my task!\n" + hello()), "no json": lambda: say("hello yourself"),
+        "list": lambda: say("[1, 2]"), "protocol": lambda: say(hello(protocol=2)),
+        "huge size": lambda: say(hello(observation_size=10**9)), "no actions": lambda: say(hello(actions=0)),
+        "missing": lambda: say('{"protocol": 1, "name": "Task"}'), "huge": lambda: say(hello(name="n" * 2**21)),
+        "names": lambda: say(hello(action_names=["one"])), "steering": lambda: say(hello(name="\x1b[2J")),
+        "mirror": lambda: say(hello(mirror={"observation": [[7, 1], [0, 1]], "actions": [0, 1]})),
+        "error": lambda: say("error no display \x1b[31m"), "killed": lambda: os.kill(os.getpid(), signal.SIGKILL),
+        "import": lambda: __import__("no_such_module"), "grandchild": grandchild, "flood": flood,
+    },
+    "reset": {
+        "dies at reset": lambda: os._exit(3), "silent at reset": sleep, "count": lambda: say("reset 1 2 3"),
+        "random": lambda: say(f"reset {time.time_ns() % 1000} 1"), "empty": lambda: say(""),
+        "words": lambda: say("reset one two"), "stderr": lambda: sys.exit("the disk is on fire"),
+    },
+    "step": {
+        "dies at step": lambda: os._exit(3), "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
+        "ignores SIGTERM": lambda: (stubborn(), sleep()), "nan": lambda: say("step 1 0 0 nan 1"),
+        "infinite": lambda: say("step inf 0 0 1 1"), "large": lambda: say("step 1 0 0 1e300 1"),
+        "flag": lambda: say("step 1 2 0 1 1"), "short": lambda: say("step 1 0 0 1"), "bare": lambda: say("step"),
+        "prints": lambda: say("I go left\nstep 1 0 0 1 2"), "other": lambda: say("reset 1 2"), "late": late,
+        "error at step": lambda: say("error no such action"), "closes": close, "exception": lambda: 1 / 0,
+    },
+    "render": {
+        "frame": lambda: say("frame 10 10 AAAA"), "base64": lambda: say("frame 1 1 ????"),
+        "size": lambda: say("frame 99999 99999 AAAA"), "endless frame": lambda: endless(b"A" * 65536),
+    },
+}
+GOOD = {"hello": hello(), "reset": "reset 0.5 0.25", "step": "step 1 0 0 1 2", "render": "no frame"}
+if mode == "never ends": stubborn()
+for line in sys.stdin:
+    request = line.split()[0]
+    act = AT[request].get(mode)
+    if act: act()
+    else: say(GOOD[request])
+if mode == "never ends": sleep()
+"#;
+
+/// What a program does, and what the message must say.
+const HOSTILE: &[(&str, &[&str])] = &[
+    ("silent", &["did not answer `hello 1` with a line within 1 s", "environment.timeout_seconds"]),
+    ("drip", &["did not answer `hello 1` with a line within 1 s"]),
+    ("endless line", &["answered `hello 1` with a line of more than 1048576 bytes", "begins with `xxx"]),
+    ("endless lines", &["answered `hello 1` with more than one line", "standard error"]),
+    ("binary", &["answered `hello 1` with", "not UTF-8"]),
+    ("banner", &["more than one line: `Welcome to my task!", "must go to its standard error"]),
+    ("no json", &["answered `hello 1` with `hello yourself`", "no JSON of a task"]),
+    ("list", &["answered `hello 1` with `[1, 2]`"]),
+    ("protocol", &["`protocol` is 2, and this program speaks version 1"]),
+    ("huge size", &["the size of an observation must be 1 to 4096"]),
+    ("no actions", &["the number of actions must be 1 to 256"]),
+    ("missing", &["missing field `observation_size`"]),
+    ("huge", &["more than 1048576 bytes"]),
+    ("names", &["each action must have a name"]),
+    ("steering", &["no control characters"]),
+    ("mirror", &["`mirror` must be"]),
+    ("error", &["answered `hello 1` with the error `no display \u{fffd}[31m`"]),
+    ("killed", &["ended (signal: 9 (SIGKILL)) and did not answer `hello 1`"]),
+    ("import", &["ended (exit status: 1)", "ModuleNotFoundError"]),
+    ("grandchild", &["did not answer `hello 1`"]),
+    ("flood", &["ended (exit status: 5)", "\u{fffd}[31mno line break"]),
+    ("dies at reset", &["ended (exit status: 3) and did not answer `reset 7`"]),
+    ("silent at reset", &["did not answer `reset 7` with a line within 1 s"]),
+    ("count", &["answered `reset 7` with `reset 1 2 3`", "3 numbers", "`reset` and 2 numbers"]),
+    ("random", &["is not deterministic: it answered `reset 7` with"]),
+    ("empty", &["answered `reset 7` with ``: it does not begin with `reset`"]),
+    ("words", &["answered `reset 7` with `reset one two`", "`one` is no number"]),
+    ("stderr", &["ended (exit status: 1)", "the disk is on fire"]),
+    ("dies at step", &["ended (exit status: 3) and did not answer `step 1`"]),
+    ("segfault", &["ended (signal: 11 (SIGSEGV)"]),
+    ("ignores SIGTERM", &["did not answer `step 1` with a line within 1 s"]),
+    ("nan", &["answered `step 1` with `step 1 0 0 nan 1`", "`nan` is not finite"]),
+    ("infinite", &["`inf` is not finite"]),
+    ("large", &["`1e300` is not finite, or too large for 32 bits"]),
+    ("flag", &["a flag is neither 0 nor 1", "`step REWARD TERMINATED TRUNCATED` and 2 numbers"]),
+    ("short", &["the observation has 1 numbers"]),
+    ("bare", &["the reward is missing"]),
+    ("prints", &["answered `step 1` with more than one line: `I go left", "standard error"]),
+    ("other", &["answered `step 1` with `reset 1 2`", "does not begin with `step`"]),
+    ("late", &["it wrote `step 9 0 0 9 9` before it was asked `step 1`"]),
+    ("error at step", &["answered `step 1` with the error `no such action`"]),
+    ("closes", &["closed its standard input or output and did not answer `step 1`"]),
+    ("exception", &["ended (exit status: 1)", "ZeroDivisionError"]),
+    ("frame", &["answered `render` with `frame 10 10 AAAA`", "3 · WIDTH · HEIGHT bytes in base64"]),
+    ("base64", &["answered `render` with `frame 1 1 ????`"]),
+    ("size", &["at most 2048 in each direction"]),
+    ("endless frame", &["answered `render` with a line of more than"]),
+];
+
+fn programs(folder: &Path, mode: &str) -> Arc<Programs> {
+    let script = folder.join("hostile.py");
+    let mark = folder.display().to_string();
+    let command = ["python3".into(), script.display().to_string(), mode.into(), mark];
+    Arc::new(Programs::new(command.into(), 1, Duration::from_secs(1), None, |_, _| {}))
+}
+
+/// An episode, and a picture of its end.
+fn play(programs: &Arc<Programs>) -> Result<(), EnvironmentError> {
+    let mut environment = programs.make()?;
+    let mut observation = vec![0.0; environment.spec().observation_size];
+    environment.reset(Start::Seed(7), &mut observation)?;
+    assert_eq!(observation, [0.5, 0.25]);
+    for _ in 0..3 {
+        environment.step(1, &mut observation)?;
+        // What a program prints late is there before the next request.
+        thread::sleep(Duration::from_millis(200));
+    }
+    environment.image().map(drop)
+}
+
+/// The command lines of processes with a mark in it.
+fn processes(mark: &str) -> Vec<String> {
+    let command = |entry: fs::DirEntry| {
+        let bytes = fs::read(entry.path().join("cmdline")).ok()?;
+        Some(String::from_utf8_lossy(&bytes).replace('\0', " "))
+    };
+    let all = fs::read_dir("/proc").into_iter().flatten().flatten().filter_map(command);
+    all.filter(|command| command.contains(mark)).collect()
+}
+
+#[test]
+fn a_hostile_program_ends_in_a_clear_message_without_a_hang_or_a_process() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("hostile.py"), SCRIPT).unwrap();
+    assert!(HOSTILE.len() >= 30);
+    for some in HOSTILE.chunks(8) {
+        thread::scope(|scope| {
+            for (mode, expected) in some {
+                let folder = folder.path();
+                scope.spawn(move || {
+                    let start = Instant::now();
+                    let error = play(&programs(folder, mode)).expect_err(mode).to_string();
+                    assert!(start.elapsed() < Duration::from_secs(30), "{mode}: {:?}", start.elapsed());
+                    assert!(error.starts_with("the environment python3 "), "{mode}: {error}");
+                    for text in *expected {
+                        assert!(error.contains(text), "{mode}: {text:?} is not in: {error}");
+                    }
+                    assert!(error.len() < 3000 && !error.contains('\u{1b}'), "{mode}: {error}");
+                });
+            }
+        });
+    }
+    assert_eq!(processes(&folder.path().display().to_string()), [""; 0]);
+}
+
+#[test]
+fn a_program_that_cannot_be_started_is_an_error() {
+    for (command, expected) in [
+        (vec!["./no-such-program"], "cannot be started: No such file or directory"),
+        (vec!["/"], "cannot be started: Permission denied"),
+        (vec!["true"], "ended (exit status: 0) and did not answer `hello 1`"),
+        (vec!["cat"], "answered `hello 1` with `hello 1`: that is no JSON"),
+        (vec!["yes"], "answered `hello 1` with more than one line"),
+        (vec![], "there is no command"),
+    ] {
+        let command = command.into_iter().map(String::from).collect();
+        let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(5), None, |_, _| {}));
+        let error = programs.task().expect_err(expected).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn a_program_that_never_ends_is_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("hostile.py"), SCRIPT).unwrap();
+    let programs = programs(folder.path(), "never ends");
+    play(&programs).unwrap();
+    let mark = folder.path().display().to_string();
+    assert_eq!(processes(&mark).len(), 1, "the process is kept for the next episode");
+    drop(programs);
+    assert_eq!(processes(&mark), [""; 0]);
+}
