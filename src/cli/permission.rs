@@ -28,7 +28,9 @@ impl AllowCommand {
                  add --allow-command: {command}"
             ));
         }
-        note(&format!("{file} names this program as its environment, and --allow-command starts it: {command}"));
+        note(&format!(
+            "{file} names this program as its environment, and --allow-command starts it: {command}"
+        ));
         environment.allow(show_line);
         Ok(())
     }

@@ -132,14 +132,13 @@ fn write_film(
     let (seed, steps) = (arguments.seed, arguments.steps.unwrap_or(u64::MAX));
     let mut result = Ok(0);
     let is_read = output.write(|file| {
-        let mut film = None;
+        let (mut out, mut film) = (Some(file), None);
         result = trainer::film(&mut policy.greedy(1), environment, seed, steps, |image, is_last| {
             let image = image.ok_or(NoFilm::NoFrame)?;
-            let film = match &mut film {
-                Some(film) => film,
-                none => none.insert(Film::new(&mut *file, &image, rate)?),
-            };
-            Ok(film.add(&image, is_last)?)
+            if let Some(out) = out.take() {
+                film = Some(Film::new(out, &image, rate)?);
+            }
+            Ok(film.iter_mut().try_for_each(|film| film.add(&image, is_last))?)
         });
         match &mut result {
             Err(NoFilm::Write(error)) => Err(io::Error::new(error.kind(), error.to_string())),

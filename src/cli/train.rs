@@ -109,7 +109,8 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
                 print_json(&unended(&run, &trainer, seconds, "interrupted"))?;
             }
             let steps = trainer.progress().env_steps;
-            let message = format!("stopped after step {steps}; resume with:\n  {}", resume_command(&run, &config));
+            let message =
+                format!("stopped after step {steps}; resume with:\n  {}", resume_command(&run, &config));
             return Err(Failure::Interrupted(message, signals.exit_code()));
         }
         Ok(reason) => reason,

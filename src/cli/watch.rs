@@ -35,7 +35,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
     let policy = found.policy()?.greedy(1);
     let signals = Signals::listen_for_view();
-    view::watch(policy, found.make_environment(arguments.allow)?, &shown(&found.place), arguments.seed, &signals.stop)?;
+    view::watch(
+        policy,
+        found.make_environment(arguments.allow)?,
+        &shown(&found.place),
+        arguments.seed,
+        &signals.stop,
+    )?;
     if signals.stop.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped".into(), signals.exit_code()));
     }

@@ -174,7 +174,9 @@ pub(super) fn merged(default: &EnvironmentConfig, layers: &[Layer]) -> Result<Va
     for Layer { origin, values } in layers {
         let own: Map<String, Value> = values
             .iter()
-            .filter_map(|(path, value)| Some((path.strip_prefix(KEY)?.strip_prefix('.')?.into(), value.clone())))
+            .filter_map(|(path, value)| {
+                Some((path.strip_prefix(KEY)?.strip_prefix('.')?.into(), value.clone()))
+            })
             .collect();
         if let Some(name) = values.get(KEY) {
             value = name.clone();
@@ -186,7 +188,8 @@ pub(super) fn merged(default: &EnvironmentConfig, layers: &[Layer]) -> Result<Va
             Value::Object(members) => members.extend(own),
             name => {
                 if let Some(key) = own.keys().next() {
-                    let hint = format!("`{KEY}` is {name} here, and only a program, with `command`, has such keys");
+                    let hint =
+                        format!("`{KEY}` is {name} here, and only a program, with `command`, has such keys");
                     return Err(misplaced(origin, &format!("{KEY}.{key}"), hint));
                 }
             }

@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::ReportError;
 use crate::agent::Greedy;
-use crate::draw::{Motion, motions};
 use crate::config::EnvironmentConfig;
+use crate::draw::{Motion, motions};
 use crate::env::map::MapAxis;
 use crate::env::scene::Outline;
 use crate::run::names::{BEST, CHECKPOINTS, LAST};

@@ -28,8 +28,15 @@ impl Episode {
         let observation = vec![0.0; environment.spec().observation_size];
         let rng = Rng::spawn(seed, Stream::Environment);
         let (start, next_observation) = (rng.clone(), observation.clone());
-        let mut episode =
-            Self { environment, rng, start, actions: Vec::new(), pending: None, observation, next_observation };
+        let mut episode = Self {
+            environment,
+            rng,
+            start,
+            actions: Vec::new(),
+            pending: None,
+            observation,
+            next_observation,
+        };
         episode.reset()?;
         Ok(episode)
     }
@@ -71,7 +78,9 @@ impl Episode {
         let actions: Vec<u8> = tensors.get("episode.actions", &[len])?;
         let num_actions = self.environment.spec().num_actions;
         let pending = actions.get(steps as usize..).unwrap_or_default();
-        if !(steps..=steps + 1).contains(&(len as u64)) || actions.iter().any(|&action| usize::from(action) >= num_actions) {
+        if !(steps..=steps + 1).contains(&(len as u64))
+            || actions.iter().any(|&action| usize::from(action) >= num_actions)
+        {
             return Err(TensorError::Inconsistent("episode").into());
         }
         self.pending = pending.first().map(|&action| action.into());

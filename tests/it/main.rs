@@ -22,6 +22,8 @@ mod hostile;
 mod hostile_programs;
 mod kernels;
 mod mirror;
+#[cfg(unix)]
+mod program;
 mod replay;
 mod report;
 mod report_html;

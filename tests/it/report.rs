@@ -147,8 +147,10 @@ fn the_course_of_a_run_by_hand() {
 
 /// A study by hand: per config its name and the final scores of the seeds from 0; `None` for a failed run.
 fn write_study(sandbox: &Sandbox, configs: &[(&str, &[Option<f64>])]) {
-    let manifest: Vec<Value> =
-        configs.iter().map(|(name, _)| json!(NamedConfig::new((*name).into(), Config::default()).unwrap())).collect();
+    let manifest: Vec<Value> = configs
+        .iter()
+        .map(|(name, _)| json!(NamedConfig::new((*name).into(), Config::default()).unwrap()))
+        .collect();
     let seeds = configs[0].1.len();
     let manifest = json!({"format_version": 1, "version": "0", "configs": manifest, "seeds": {"start": 0, "end": seeds}});
     sandbox.write("s/study.json", manifest.to_string());

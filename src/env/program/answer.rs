@@ -103,7 +103,11 @@ impl Process {
     }
 
     /// One step of the episode.
-    pub(super) fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+    pub(super) fn step(
+        &mut self,
+        action: usize,
+        observation: &mut [f32],
+    ) -> Result<Outcome, EnvironmentError> {
         let request = format!("step {action}");
         let line = self.answer(&request, MAX_ANSWER)?;
         read_step(&line, observation).map_err(|problem| {
@@ -164,10 +168,7 @@ fn read_number(word: &str) -> Result<f64, String> {
     }
 }
 
-fn read_observation<'a>(
-    words: impl Iterator<Item = &'a str>,
-    observation: &mut [f32],
-) -> Result<(), String> {
+fn read_observation<'a>(words: impl Iterator<Item = &'a str>, observation: &mut [f32]) -> Result<(), String> {
     let mut count = 0;
     for word in words {
         let number = read_number(word)?;

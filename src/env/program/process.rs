@@ -52,7 +52,8 @@ impl Process {
     ) -> Result<Self, EnvironmentError> {
         let name = shortened(&command.join(" "));
         let error = |problem: String| EnvironmentError::new(&name, &problem);
-        let (program, arguments) = command.split_first().ok_or_else(|| error("there is no command".into()))?;
+        let (program, arguments) =
+            command.split_first().ok_or_else(|| error("there is no command".into()))?;
         let spawned = Command::new(program)
             .args(arguments)
             .stdin(Stdio::piped())
@@ -70,7 +71,8 @@ impl Process {
         let last_lines = Arc::new(Mutex::new(VecDeque::new()));
         let pipes = child.stdin.take().zip(child.stdout.take());
         let (stderr, kept, mark) = (child.stderr.take(), Arc::clone(&last_lines), name.clone());
-        let errors = thread::spawn(move || stderr.into_iter().for_each(|pipe| relay(pipe, &mark, show, &kept)));
+        let errors =
+            thread::spawn(move || stderr.into_iter().for_each(|pipe| relay(pipe, &mark, show, &kept)));
         let buffer = Vec::new();
         Ok(Self { name, timeout, child, guard, pipes, buffer, errors, last_lines, is_checked: false })
     }
@@ -124,7 +126,8 @@ impl Process {
             Some((line, "")) => Ok(line.trim_end_matches('\r').to_owned()),
             _ => {
                 let text = shortened(&text);
-                Err(self.error(&format!("it answered `{request}` with more than one line: `{text}`; {STDOUT}")))
+                Err(self
+                    .error(&format!("it answered `{request}` with more than one line: `{text}`; {STDOUT}")))
             }
         }
     }
@@ -192,7 +195,8 @@ impl Process {
     }
 }
 
-const STDOUT: &str = "its standard output is for answers alone, and everything else must go to its standard error";
+const STDOUT: &str =
+    "its standard output is for answers alone, and everything else must go to its standard error";
 
 impl Drop for Process {
     fn drop(&mut self) {
