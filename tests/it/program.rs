@@ -272,6 +272,7 @@ const STUBBORN: &str = r#"
 import signal, sys, time
 for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT): signal.signal(number, signal.SIG_IGN)
 print('{"protocol": 1, "name": "Stubborn", "observation_size": 1, "actions": 2, "max_steps": 1000000}', flush=True)
+sys.stdin.readline()
 for line in sys.stdin:
     print("reset 0" if line.startswith("reset") else "step 0 0 0 0", flush=True)
     if line.startswith("step"): open("stepped", "w")

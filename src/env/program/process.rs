@@ -99,15 +99,20 @@ impl Process {
                 )));
             }
             let left = deadline.saturating_duration_since(Instant::now());
-            if written.is_ok() && !self.is_readable(left) {
+            let is_silent = written.is_ok() && !self.is_readable(left.min(GRACE));
+            // A process that the program has started can keep the pipe open after the end of the program.
+            let has_ended = written.is_err()
+                || (is_silent && self.child.try_wait().is_ok_and(|status| status.is_some()))
+                || (!is_silent && self.read().is_ok_and(|count| count == 0));
+            if has_ended {
+                let end = self.end();
+                return Err(self.error(&format!("it {end} and did not answer `{request}`")));
+            }
+            if is_silent && left.is_zero() {
                 let seconds = self.timeout.as_secs_f64();
                 return Err(self.error(&format!(
                     "it did not answer `{request}` with a line within {seconds} s (`environment.timeout_seconds`)"
                 )));
-            }
-            if written.is_err() || self.read().is_ok_and(|count| count == 0) {
-                let end = self.end();
-                return Err(self.error(&format!("it {end} and did not answer `{request}`")));
             }
         }
     }

@@ -1,0 +1,58 @@
+#!/usr/bin/env bash
+# Programs as environments: `tests/programs.sh BINARY BIN`, where BIN is the folder of a python3 with Gymnasium.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+binary=$(realpath "$1")
+export PATH=$2:$PATH
+repository=$PWD
+tmp=$(mktemp -d)
+trap 'rm -rf "$tmp"' EXIT
+fail() { printf 'FAILED: %s\n' "$*" >&2; exit 1; }
+cd "$tmp"
+
+cc -O2 -Wall -Wextra -Werror -ffp-contract=off -o dock "$repository/adapters/example.c" -lm
+"$binary" train --config "$repository/adapters/example.json" --out dock-run --quiet
+"$binary" eval dock-run --allow-command --min-mean -5
+
+# CartPole-v1 through the adapter is our own CartPole-v1: the same returns of the same policy on the same seeds.
+adapter() { printf '{"command": ["python3", "%s/adapters/gymnasium.py"%s]}' "$repository" "$(printf ', "%s"' "$@")"; }
+short=(--set budget.steps=1500 --set replay.mirror=false --set evaluation.every_steps=500 --quiet)
+"$binary" train --set "environment=$(adapter CartPole-v1 --return-range 0 500)" "${short[@]}" --out cartpole
+"$binary" eval cartpole --allow-command --episodes 20 --json > theirs.json
+python3 - "$binary" <<'PY'
+import json, subprocess, sys
+from safetensors.numpy import load_file, save_file
+tensors = load_file("cartpole/checkpoints/best.safetensors")
+save_file(tensors, "plain.safetensors")
+ours = json.loads(subprocess.check_output([sys.argv[1], "eval", "plain.safetensors", "--episodes", "20", "--json"]))
+theirs = json.load(open("theirs.json"))
+assert ours["returns"] == theirs["returns"], (ours["returns"], theirs["returns"])
+PY
+
+# The same seed leaves the same bytes, in one process or in three.
+"$binary" train --set "environment=$(adapter CartPole-v1 --return-range 0 500)" "${short[@]}" --out again
+diff -rq cartpole/checkpoints again/checkpoints || fail 'two runs of one seed differ'
+"$binary" train --set "environment=$(adapter CartPole-v1 --return-range 0 500)" --set environment.processes=3 "${short[@]}" --out three
+cmp cartpole/metrics.jsonl three/metrics.jsonl || fail 'the number of processes changes the metrics'
+"$binary" verify cartpole --allow-command --quiet
+
+# What the adapter cannot play is said.
+refused() {
+    local words=$1 status=0
+    shift
+    "$binary" train --set "environment=$(adapter "$@")" --out refused 2> message || status=$?
+    [ "$status" -eq 1 ] || fail "the exit code of $* is $status"
+    grep -qF "$words" message || { cat message >&2; fail "$words is not in the message of $*"; }
+    [ ! -e refused ] || fail "$* left a run"
+}
+refused 'the action space must be Discrete' Pendulum-v1
+refused 'the observation space must be a Box of one dimension' FrozenLake-v1
+refused 'NameNotFound' NoSuchTask-v0
+
+# Pictures.
+if python3 -c 'import pygame' 2> /dev/null; then
+    "$binary" render cartpole --allow-command -o cartpole.gif --steps 20
+    "$binary" render cartpole --allow-command -o cartpole.gif --steps 20 --quiet
+    head -c 6 cartpole.gif | grep -q GIF89a || fail 'the film is no GIF'
+fi
+echo 'programs as environments: well'
