@@ -153,7 +153,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         None => {
             let found = arguments.place.find(arguments.json || arguments.quiet)?;
             let policy = found.policy()?;
-            let task = Task::new(&found.playable(arguments.allow)?, &arguments)?;
+            let task = Task::new(&found.playable(arguments.allow, false)?, &arguments)?;
             let played = match &trace {
                 None => Some(task.evaluate(&policy, &arguments)?),
                 Some(_) => play_all(&mut policy.greedy(1), &task, &arguments, trace.as_ref())?,

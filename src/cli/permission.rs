@@ -16,11 +16,17 @@ pub(super) struct AllowCommand {
 }
 
 impl AllowCommand {
-    /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one.
+    /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one. See [`ask_task`] for
+    /// `has_view`.
     ///
     /// # Errors
     /// The message, when the user has not said so.
-    pub(super) fn permit(self, environment: &mut EnvironmentConfig, file: &str) -> Result<(), String> {
+    pub(super) fn permit(
+        self,
+        environment: &mut EnvironmentConfig,
+        file: &str,
+        has_view: bool,
+    ) -> Result<(), String> {
         let Some(command) = environment.command() else { return Ok(()) };
         if !self.allow_command {
             return Err(format!(
@@ -31,7 +37,7 @@ impl AllowCommand {
         note(&format!(
             "{file} names this program as its environment, and --allow-command starts it: {command}"
         ));
-        environment.allow(show_line);
+        environment.allow(if has_view { show_nothing } else { show_line });
         Ok(())
     }
 }

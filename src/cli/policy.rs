@@ -75,7 +75,7 @@ impl Place {
             }
         };
         let file = checkpoint_of(&place)?;
-        let checkpoint = Checkpoint::read(&file).map_err(|error| match is_trial(&error) {
+        let checkpoint = Checkpoint::read(&file, has_view).map_err(|error| match is_trial(&error) {
             true => Failure::BadInput(format!(
                 "{} is a trial of a study: it keeps scores and no policy. To get the policy, train its config with its \
                  seed again: cartpole-dqn train --config FILE --seed N",
@@ -120,7 +120,7 @@ impl Place {
 
 impl Found {
     /// The environment, to be played in.
-    pub(super) fn playable(&self, allow: AllowCommand) -> Result<EnvironmentConfig, Failure> {
+    pub(super) fn playable(&self, allow: AllowCommand, has_view: bool) -> Result<EnvironmentConfig, Failure> {
         let mut environment = self.environment.clone();
         let file = format!("checkpoint {}", shown(&self.file));
         allow.permit(&mut environment, &file).map_err(Failure::BadInput)?;
@@ -134,8 +134,8 @@ impl Found {
     }
 
     /// The environment under its own time limit.
-    pub(super) fn make_environment(&self, allow: AllowCommand) -> Result<Box<dyn Environment>, Failure> {
-        let make = self.playable(allow)?.make();
+    pub(super) fn make_environment(&self, allow: AllowCommand, has_view: bool) -> Result<Box<dyn Environment>, Failure> {
+        let make = self.playable(allow, has_view)?.make();
         Ok(make(self.spec()?.max_steps)?)
     }
 

@@ -37,7 +37,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let signals = Signals::listen();
     let (run, mut config) = RunDir::open(&arguments.run)?;
     let place = format!("run {}", shown(run.path()));
-    arguments.allow.permit(&mut config.environment, &place).map_err(Failure::BadInput)?;
+    arguments.allow.permit(&mut config.environment, &place, false).map_err(Failure::BadInput)?;
     let _shared = run.share()?;
     let summary = if run.summary().exists() { Some(read_summary(&run)?) } else { None };
     let mut branched_at_step = summary.as_ref().and_then(|summary| summary["branched_at_step"].as_u64());

@@ -37,7 +37,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let signals = Signals::listen_for_view();
     view::watch(
         policy,
-        found.make_environment(arguments.allow)?,
+        found.make_environment(arguments.allow, true)?,
         &shown(&found.place),
         arguments.seed,
         &signals.stop,

@@ -62,7 +62,13 @@ impl Layer {
     fn checked(mut self) -> Result<Self, ConfigError> {
         for (key, value) in &self.values {
             let members = keys_in(&format!("{key}."));
+            let is_empty = || {
+                let below = format!("{key}.");
+                value.is_object() && !self.values.keys().any(|other| other.starts_with(&below))
+            };
             let allowed = match KEYS.iter().find(|known| known.path == key) {
+                // No name, and no program either.
+                Some(Key { allowed: allowed @ Allowed::NameOr(..), .. }) if is_empty() => allowed.to_string(),
                 Some(Key { allowed, .. }) if allowed.admits(value) => continue,
                 Some(Key { allowed, .. }) => allowed.to_string(),
                 None if members.is_empty() => {
