@@ -54,6 +54,24 @@ pub(super) fn ask_task(config: &mut Config, has_view: bool) -> Result<(), Failur
     Ok(config.ask_task()?)
 }
 
+/// The programs of a study: configs with the same one share its processes.
+#[derive(Default)]
+pub(super) struct Programs(Vec<(EnvironmentConfig, EnvironmentConfig)>);
+
+impl Programs {
+    /// As [`ask_task`], for one config of many.
+    pub(super) fn ask_task(&mut self, config: &mut Config) -> Result<(), Failure> {
+        let given = config.environment.clone();
+        if let Some((_, asked)) = self.0.iter().find(|(other, _)| *other == given) {
+            config.environment = asked.clone();
+            return Ok(config.ask_task()?);
+        }
+        ask_task(config, false)?;
+        self.0.push((given, config.environment.clone()));
+        Ok(())
+    }
+}
+
 /// Shows a line of the standard error of a program.
 fn show_line(program: &str, line: &str) {
     let mut stderr = io::stderr().lock();

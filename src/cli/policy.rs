@@ -134,7 +134,11 @@ impl Found {
     }
 
     /// The environment under its own time limit.
-    pub(super) fn make_environment(&self, allow: AllowCommand, has_view: bool) -> Result<Box<dyn Environment>, Failure> {
+    pub(super) fn make_environment(
+        &self,
+        allow: AllowCommand,
+        has_view: bool,
+    ) -> Result<Box<dyn Environment>, Failure> {
         let make = self.playable(allow, has_view)?.make();
         Ok(make(self.spec()?.max_steps)?)
     }

@@ -13,7 +13,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
 
 use super::layers::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
-use super::permission::ask_task;
+use super::permission::Programs;
 use super::signals::Signals;
 use super::ui::{Failure, cannot_write, check_out, print, shell_word};
 use crate::config::Config;
@@ -198,6 +198,7 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
     }
     let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
     let mut configs: Vec<NamedConfig> = Vec::new();
+    let mut programs = Programs::default();
     for (stem, origin, text) in &sources {
         let mut seen = BTreeMap::new();
         for variation in &variations {
@@ -223,7 +224,7 @@ fn configs(arguments: &Arguments) -> Result<Vec<NamedConfig>, Failure> {
                     "--config {origin}: two configs are called {stem:?}; rename a file"
                 )));
             }
-            ask_task(&mut config, false)?;
+            programs.ask_task(&mut config)?;
             configs.push(NamedConfig::new(name, config)?);
         }
     }

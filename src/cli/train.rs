@@ -80,7 +80,9 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let started = match (&arguments.resume, config) {
         (Some(path), _) => {
             let run = format!("run {}", shown(path));
-            resume(path, &arguments.layers.sets(), |environment| arguments.allow.permit(environment, &run, arguments.live))?
+            resume(path, &arguments.layers.sets(), |environment| {
+                arguments.allow.permit(environment, &run, arguments.live)
+            })?
         }
         (None, config) => Resumed::Run(Box::new(start_new(&arguments, &config.unwrap_or_default())?)),
     };

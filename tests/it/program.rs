@@ -224,6 +224,7 @@ fn a_config_of_a_program_is_checked_before_anything_is_written() {
             &["environment={\"command\": []}"][..],
             &["`environment.command` is []", "a list of strings, the program first"][..],
         ),
+        (&["environment={}"], &["`environment` is {}", "a program as an object with `command`"]),
         (&["environment.command=python3 x.py"], &["a list of strings"]),
         (&["environment.command=[1]"], &["a list of strings"]),
         (&["environment.processes=0"], &["`environment.processes` is 0", "from 1 to 256"]),
