@@ -75,7 +75,7 @@ impl Place {
             }
         };
         let file = checkpoint_of(&place)?;
-        let checkpoint = Checkpoint::read(&file, has_view).map_err(|error| match is_trial(&error) {
+        let checkpoint = Checkpoint::read(&file).map_err(|error| match is_trial(&error) {
             true => Failure::BadInput(format!(
                 "{} is a trial of a study: it keeps scores and no policy. To get the policy, train its config with its \
                  seed again: cartpole-dqn train --config FILE --seed N",
@@ -123,7 +123,7 @@ impl Found {
     pub(super) fn playable(&self, allow: AllowCommand, has_view: bool) -> Result<EnvironmentConfig, Failure> {
         let mut environment = self.environment.clone();
         let file = format!("checkpoint {}", shown(&self.file));
-        allow.permit(&mut environment, &file).map_err(Failure::BadInput)?;
+        allow.permit(&mut environment, &file, has_view).map_err(Failure::BadInput)?;
         Ok(environment)
     }
 

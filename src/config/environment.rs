@@ -22,7 +22,7 @@ pub enum EnvironmentConfig {
     /// An environment of this crate.
     Named(EnvironmentId),
     /// Another program.
-    Program(ProgramConfig),
+    Program(Box<ProgramConfig>),
 }
 
 /// A program that is an environment, see `docs/environments.md`.
