@@ -50,7 +50,7 @@ refused 'the observation space must be a Box of one dimension' FrozenLake-v1
 refused 'NameNotFound' NoSuchTask-v0
 
 # Pictures.
-if python3 -c 'import pygame' 2> /dev/null; then
+if python3 -c 'import pygame' > /dev/null 2>&1; then
     "$binary" render cartpole --allow-command -o cartpole.gif --steps 20
     "$binary" render cartpole --allow-command -o cartpole.gif --steps 20 --quiet
     head -c 6 cartpole.gif | grep -q GIF89a || fail 'the film is no GIF'
