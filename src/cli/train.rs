@@ -186,8 +186,8 @@ fn observers<'a>(
     }
     // A resumed run that has event files continues them.
     if arguments.tensorboard || (arguments.resume.is_some() && run.has_events()) {
-        let (folder, optimizer) = (run.tensorboard(), config.dqn.optimizer);
-        let learning_rate = move |steps| optimizer.learning_rate_after(steps);
+        let (folder, rate) = (run.tensorboard(), config.agent.learning_rate());
+        let learning_rate = move |steps| rate.after(steps);
         let events = TensorBoard::create(&folder, env_steps, learning_rate);
         observers.0.push(Box::new(events.map_err(|error| cannot_write(&folder, &error, ""))?));
     }

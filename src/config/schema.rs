@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use serde_json::{Map, Value, json};
 
-use super::Config;
 use super::keys::{KEYS, Key, alternatives, object, pointer};
+use super::{Config, DQN, Q_TABLE};
 
 /// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
 /// (`"replay.capacity"`), and it does not know the rules that concern several keys.
@@ -14,8 +14,15 @@ pub fn schema() -> Value {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Config of cartpole-dqn",
     }));
-    schema.extend(object(members("", &json!(Config::default()))));
+    schema.extend(object(members("", &every_default())));
     schema.into()
+}
+
+/// The defaults of the keys of every agent. Of a key that several agents have it is that of the default agent.
+fn every_default() -> Value {
+    let mut defaults = object(Config::with_agent(Q_TABLE));
+    defaults.extend(object(Config::default()));
+    defaults.into()
 }
 
 /// The schema of the object whose keys begin with `prefix`.
@@ -118,7 +125,7 @@ fn default_of(path: &str) -> Option<Value> {
         let first = shapes.iter().find(|first| !first.is_empty() && names(first) == names(shape))?;
         return first.get(name).cloned();
     }
-    json!(Config::default()).pointer(&pointer(path)).cloned()
+    every_default().pointer(&pointer(path)).cloned()
 }
 
 /// One key of a config.
@@ -158,7 +165,7 @@ impl Config {
     /// The defaults of the keys that this config has, those of its alternatives included.
     fn defaults(&self) -> Value {
         let config = json!(self);
-        let mut defaults = json!(Config::default());
+        let mut defaults = json!(Config::with_agent(config["agent"].as_str().unwrap_or(DQN)));
         for (group, shapes) in alternatives() {
             let (Some(own), Some(group)) =
                 (config.pointer(&pointer(group)), defaults.pointer_mut(&pointer(group)))
