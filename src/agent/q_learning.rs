@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::statistics::value_statistics;
 use super::{
-    Agent, Counters, EpsilonGreedy, Exploration, NamedNumbers, NotFinite, Played, Policy, Probes, QTable, Transition,
+    Agent, Counters, EpsilonGreedy, Exploration, NamedNumbers, NotFinite, Played, Policy, Probes, QTable,
+    Transition,
 };
 use crate::mirror::Mirror;
 use crate::nn::LearningRate;
@@ -166,7 +167,11 @@ impl Agent for QLearning {
     }
 
     fn counters(&self) -> Counters {
-        Counters { updates: self.updates, epsilon: self.exploration.epsilon, learning_rate: self.learning_rate }
+        Counters {
+            updates: self.updates,
+            epsilon: self.exploration.epsilon,
+            learning_rate: self.learning_rate,
+        }
     }
 
     fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers> {

@@ -276,7 +276,11 @@ fn keys_that_are_unknown_or_come_twice_are_refused() {
     refused(
         r#"{"zzz": 1}"#,
         &[],
-        &["unknown key `zzz`", "`seed`, `environment`, `max_episode_steps`, `agent`, `network`", "`stop_when_solved`"],
+        &[
+            "unknown key `zzz`",
+            "`seed`, `environment`, `max_episode_steps`, `agent`, `network`",
+            "`stop_when_solved`",
+        ],
     );
     refused(
         r#"{"replay": {"zzz": 1}}"#,
