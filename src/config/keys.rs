@@ -47,7 +47,7 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("table.high", Allowed::PerCoordinate(&EDGE), "as the coordinates", "only `q_table`: where they end"),
     Key::new("table.initial", EDGE, "return", "only `q_table`: every Q-value at the start"),
     Key::new("table.mirror", Allowed::Bool, "", "only `q_table`: the table learns from each transition and from its mirror image (left and right exchanged)"),
-    Key::new("optimizer.learning_rate", POSITIVE, "", "step size α of Adam, or of a table's update; if there is a schedule, the value at its start"),
+    Key::new("optimizer.learning_rate", POSITIVE, "", "step size α of Adam, or of a table's update, whose default is 0.1; if there is a schedule, the value at its start"),
     Key::new("optimizer.beta1", BELOW_ONE, "", "decay of the first moment"),
     Key::new("optimizer.beta2", BELOW_ONE, "", "decay of the second moment"),
     Key::new("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", (Included(1e-30), Included(1.0))), "", "added to the root of the bias-corrected second moment"),

@@ -160,7 +160,14 @@ impl Map {
         let trail =
             |axis: &MapAxis| frames.iter().map(|frame| rounded(axis.read(&frame.observation))).collect();
         let table = saved.policy.table().map(|table| Cells::new(table, axes, &observations));
-        Self { size: SIZE, axes: axes.each_ref().map(axis), best, gap, trail: axes.each_ref().map(trail), table }
+        Self {
+            size: SIZE,
+            axes: axes.each_ref().map(axis),
+            best,
+            gap,
+            trail: axes.each_ref().map(trail),
+            table,
+        }
     }
 }
 

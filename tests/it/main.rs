@@ -20,6 +20,8 @@ mod golden_update;
 mod hostile;
 mod kernels;
 mod mirror;
+#[cfg(unix)]
+mod q_table;
 mod replay;
 mod report;
 mod report_html;
