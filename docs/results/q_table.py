@@ -115,5 +115,5 @@ def mountain_car():
 
 page = HERE / "q_table.md"
 for name, measured in [("network", against_the_network), ("cells", cells_and_steps), ("mountain_car", mountain_car)]:
-    between = rf"(<!-- {name} -->\n).*?(<!-- end -->)"
-    page.write_text(re.sub(between, lambda match: match[1] + measured() + match[2], page.read_text(), flags=re.S))
+    text, between = measured(), rf"(<!-- {name} -->\n).*?(<!-- end -->)"
+    page.write_text(re.sub(between, lambda match: match[1] + text + match[2], page.read_text(), flags=re.S))
