@@ -9,7 +9,6 @@ use std::ops::RangeBounds;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::table::MAX_BINS;
 use super::{Config, DQN, Q_TABLE};
 use crate::agent::{Exploration, TargetUpdate};
 use crate::env::catalogue::EnvironmentId;
@@ -130,6 +129,8 @@ pub fn key_paths() -> impl Iterator<Item = &'static str> {
 
 const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
 const UNIT: Allowed = Allowed::Number("from 0 to 1", (Included(0.0), Included(1.0)));
+/// Most cells of a coordinate.
+const MAX_BINS: usize = 10_000;
 const BINS: Allowed = Allowed::Integer(1, MAX_BINS as u64);
 const BELOW_ONE: Allowed = Allowed::Number("from 0 to below 1", (Included(0.0), Excluded(1.0)));
 const POSITIVE: Allowed = Allowed::Number("above 0 and at most 1", (Excluded(0.0), Included(1.0)));

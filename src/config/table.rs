@@ -8,8 +8,6 @@ use crate::agent::{AgentConfig, Bins, Exploration, QTableConfig, TableConfig};
 use crate::env::Spec;
 use crate::nn::LearningRate;
 
-/// Most cells of a coordinate.
-pub(super) const MAX_BINS: usize = 10_000;
 /// Most memory of a table, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
