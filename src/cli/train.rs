@@ -263,6 +263,7 @@ fn describe(record: &Record, trainer: &Trainer, run: &RunDir) -> String {
         }
         _ => "",
     };
+    let learned = if trainer.agent().as_dqn().is_some() { "online network" } else { "table" };
     let path = run.path().display().to_string();
     let (program, argument) = (program(), shell_word(&path));
     format!(
@@ -273,7 +274,7 @@ ended      {ended}
 training   {training}
 best       {best}
 final      {final_}
-weights    SHA-256 of the online network at the end:
+weights    SHA-256 of the {learned} at the end:
            {}
 {collapsed}
 Next: play the best policy on new episodes, watch it, draw the learning curve.

@@ -29,8 +29,7 @@ pub(super) fn check(config: &Config, dqn: &DqnConfig, origin: &str) -> Result<()
         ),
         (steps >= least_steps, "budget.steps", json!(steps), enough),
         (
-            dqn.policy_weights == PolicyWeights::Online
-                || matches!(dqn.target, TargetUpdate::Soft { .. }),
+            dqn.policy_weights == PolicyWeights::Online || matches!(dqn.target, TargetUpdate::Soft { .. }),
             "policy_weights",
             json!(dqn.policy_weights),
             format!(

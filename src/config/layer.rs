@@ -68,8 +68,10 @@ impl Layer {
             None => Ok(()),
             Some(key) => {
                 let other = if root["agent"] == DQN { Q_TABLE } else { DQN };
-                let hint =
-                    format!("it belongs to the agent \"{other}\", and `agent` is {} here", root["agent"]);
+                let hint = format!(
+                    "it belongs to the agent \"{other}\", and `agent` is {} here; a config is for one agent",
+                    root["agent"]
+                );
                 Err(key_error(&self.origin, "misplaced key", key, hint))
             }
         }

@@ -166,7 +166,7 @@ fn every_command_that_takes_a_policy_takes_a_table() {
     sandbox.run(&["train", "--quiet", "--config", "table.json", "--out", "run"]).success();
     let mean = |place: &str| stdout_json(&sandbox.run(&["eval", place, "--json"]).success())["mean"].clone();
     assert!(mean("run").as_f64().unwrap() >= 8.0);
-    sandbox.run(&["render", "run", "--out", "episode.svg"]).success();
+    sandbox.run(&["render", "run", "--output", "episode.svg"]).success();
     let inspected = sandbox.run(&["inspect", "run"]).success();
     let text = String::from_utf8(inspected.get_output().stdout.clone()).unwrap();
     assert!(text.contains("a table of [2, 3, 4, 4] cells with 2 actions"), "{text}");
@@ -197,7 +197,7 @@ fn what_is_about_networks_alone_refuses_a_table() {
     sandbox.write("table.json", SHORT);
     sandbox.run(&["train", "--quiet", "--config", "table.json", "--out", "run"]).success();
     sandbox.refuses(&["explain", "--config", "table.json", "--update", "3"], &["trains a table"]);
-    sandbox.refuses(&["check", "run/checkpoints/last.safetensors"], &["last.safetensors"]);
+    sandbox.refuses(&["check", "run/checkpoints/last.safetensors"], &["holds a table of Q-values"]);
 }
 
 #[test]
