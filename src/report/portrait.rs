@@ -181,7 +181,8 @@ impl Cells {
             // The edges of a cosine and a sine are not straight in the plane of the angle.
             Quantity::Angle { .. } => Vec::new(),
         };
-        let visits = observations.iter().map(|observation| table.visits(observation).iter().sum()).collect();
+        let sum = |visits: &[u64]| visits.iter().fold(0, |sum: u64, &count| sum.saturating_add(count));
+        let visits = observations.iter().map(|observation| sum(table.visits(observation))).collect();
         Self { edges: axes.each_ref().map(edges), visits }
     }
 }
