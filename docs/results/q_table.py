@@ -29,7 +29,7 @@ STEPS = [10_000, 50_000, 200_000]
 arguments = argparse.ArgumentParser()
 arguments.add_argument("--studies", type=pathlib.Path, default=ROOT / "studies/q_table")
 arguments.add_argument("--seeds", type=int, default=100)
-arguments.add_argument("--grid-seeds", type=int, default=20)
+arguments.add_argument("--grid-seeds", type=int, default=10)
 arguments = arguments.parse_args()
 
 
@@ -102,7 +102,7 @@ def cells_and_steps():
         configs = study(f"cells_{steps}", arguments.grid_seeds, *fine, *words, *vary)
         for i, (summary, _) in enumerate(configs):
             grid[i // 2, i % 2, steps] = f"{summary['final_solved']} ({summary['final_mean']['value']:.0f})"
-    head = "| cells | mirrored | " + " | ".join(f"{steps:,} steps" for steps in STEPS) + " | cells visited | updates of each |\n"
+    head = "| cells | mirrored | " + " | ".join(f"{steps:,} steps, of {arguments.grid_seeds}" for steps in STEPS) + " | cells visited | updates of each |\n"
     rows = []
     for i, (cells, bins) in enumerate(CELLS.items()):
         sets = [f"table.bins={bins}", "table.initial=0"]
