@@ -189,7 +189,7 @@ mod kernels {
 fn agent() -> Dqn {
     let sets =
         ["network.hidden=[24,24]".into(), "exploration.initial=0".into(), "exploration.final=0".into()];
-    Dqn::new(Config::from_layers(None, &sets).unwrap().dqn, 4, 2, None, 0)
+    Dqn::new(Config::from_layers(None, &sets).unwrap().agent.into_dqn().unwrap(), 4, 2, None, 0)
 }
 
 const OBSERVATION: [f32; 4] = [0.3, -0.4, 0.05, 0.2];

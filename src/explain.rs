@@ -10,8 +10,10 @@ use crate::trainer::{Event, TrainError};
 /// An update.
 #[derive(Clone, Debug)]
 pub struct Lesson {
-    /// The run's config.
-    pub config: Config,
+    /// The run's seed.
+    pub seed: u64,
+    /// The agent's settings.
+    pub config: DqnConfig,
     /// The environment step after which it was done.
     pub env_steps: u64,
     /// Complete episodes before it.
@@ -40,7 +42,9 @@ pub enum NoLesson {
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
     /// The agent is none that makes such updates.
-    #[error("only a DQN can be explained")]
+    #[error(
+        "an update of a network can be explained, and this config trains a table; docs/q_learning.md has its update"
+    )]
     NoDqn,
     /// It cannot be trained so far.
     #[error(transparent)]
@@ -60,12 +64,13 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
         // Evaluations change nothing in a run.
         unevaluated.evaluation.every_steps = u64::MAX;
     }
-    let samples = config.dqn.replay.batch_size;
-    let (batch_size, batches) = match config.dqn.replay.update {
+    let dqn = config.agent.as_dqn().ok_or(NoLesson::NoDqn)?;
+    let samples = dqn.replay.batch_size;
+    let (batch_size, batches) = match dqn.replay.update {
         UpdateMode::Minibatch => (samples, 1),
         UpdateMode::PerSample => (1, samples as u64),
     };
-    let updates_of_a_step = u64::from(config.dqn.learn.updates).saturating_mul(batches);
+    let updates_of_a_step = u64::from(dqn.learn.updates).saturating_mul(batches);
     let mut trainer = unevaluated.make_trainer()?;
     while trainer.end_reason().is_none() {
         let before = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?;
@@ -92,7 +97,7 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
                 let before = (agent.adam.steps + 1 == number).then(|| agent.clone());
                 let loss = agent.update(ages)?;
                 if let Some(before) = before {
-                    return Ok(Lesson::new(config, progress, before, agent, loss));
+                    return Ok(Lesson::new((config, dqn), progress, before, agent, loss));
                 }
             }
         }
@@ -101,10 +106,17 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
 }
 
 impl Lesson {
-    fn new(config: &Config, progress: (u64, u64), before: Dqn, after: Dqn, loss: f32) -> Self {
+    fn new(
+        (config, dqn): (&Config, &DqnConfig),
+        progress: (u64, u64),
+        before: Dqn,
+        after: Dqn,
+        loss: f32,
+    ) -> Self {
         let (minibatch, targets, gradient) = after.latest_update();
         Self {
-            config: config.clone(),
+            seed: config.seed,
+            config: dqn.clone(),
             env_steps: progress.0,
             episodes: progress.1,
             minibatch: minibatch.clone(),
@@ -123,12 +135,12 @@ impl Lesson {
 
     /// Whether that is another one than the one that learns.
     pub fn has_target(&self) -> bool {
-        self.config.dqn.target != TargetUpdate::None
+        self.config.target != TargetUpdate::None
     }
 
     /// As `cartpole-dqn check` reads it.
     pub fn settings(&self) -> Settings {
-        let DqnConfig { gamma, loss, double, optimizer, .. } = &self.config.dqn;
+        let DqnConfig { gamma, loss, double, optimizer, .. } = &self.config;
         Settings {
             gamma: *gamma,
             loss: *loss,

@@ -27,6 +27,11 @@ impl Mirror {
             && self.actions.iter().enumerate().all(|(i, pair)| action(pair) == Some(i))
     }
 
+    /// The image of an observation.
+    pub fn reflect(&self, observation: &[f32]) -> Vec<f32> {
+        self.observation.iter().map(|&(from, factor)| factor * observation[from]).collect()
+    }
+
     /// The same mirror for observations whose coordinates have been divided by `divisors`.
     pub fn of_divided(&self, divisors: &[f32]) -> Self {
         let mut mirror = self.clone();

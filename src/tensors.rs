@@ -32,9 +32,16 @@ pub enum TensorError {
     #[error("tensor `{name}` is {dtype:?} {shape:?}, expected {expected}")]
     Unexpected { name: String, dtype: Dtype, shape: Vec<usize>, expected: String },
     #[error(
-        "holds no policy: the tensors without a prefix must be exactly `0.weight`, `0.bias`, `2.weight`, …"
+        "holds no policy: the tensors without a prefix must be exactly `0.weight`, `0.bias`, `2.weight`, …, or those of a \
+         `q_table` [bins…, actions]"
     )]
     NoPolicy,
+    #[error(
+        "its `q_table` is {found:?}; the task needs a table over {inputs} coordinates with {outputs} actions"
+    )]
+    WrongTable { found: Vec<usize>, inputs: usize, outputs: usize },
+    #[error("tensor `{0}` holds edges that do not ascend")]
+    EdgesDoNotAscend(String),
     #[error("its policy has layers {found:?}; the task needs {inputs} inputs and {outputs} outputs")]
     WrongNetwork { found: Vec<usize>, inputs: usize, outputs: usize },
     #[error("tensor `{0}` holds NaN or infinity")]

@@ -20,9 +20,11 @@ fn load(bytes: &[u8]) {
     let _ = checkpoint.policy(&EnvironmentId::CartPoleV1.spec());
     let Ok(Header { mut config, progress: Some(progress), .. }) = checkpoint.header() else { return };
     let is_small = config.evaluation.episodes <= 20
-        && config.dqn.learn.updates <= 4
-        && config.dqn.replay.batch_size <= 64
-        && config.dqn.network.hidden.iter().sum::<usize>() <= 64;
+        && config.agent.as_dqn().is_none_or(|dqn| {
+            dqn.learn.updates <= 4
+                && dqn.replay.batch_size <= 64
+                && dqn.network.hidden.iter().sum::<usize>() <= 64
+        });
     if !is_small || config.check_memory(1).is_err() {
         return;
     }

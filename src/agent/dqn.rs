@@ -270,23 +270,13 @@ impl Agent for Dqn {
         }
     }
 
-    /// The observations' divisors are folded into the first layer: W x / d = (W / d) x.
     fn policy(&self) -> Policy {
-        let mut policy = match self.config.policy_weights {
-            PolicyWeights::Online => self.online.clone(),
-            PolicyWeights::Target => self.target.clone(),
-        };
-        let outputs = policy.sizes()[1];
-        let columns = policy.layer_mut(0).chunks_exact_mut(outputs);
-        for (weights, divisor) in columns.zip(&self.observation_divisors) {
-            weights.iter_mut().for_each(|weight| *weight /= divisor);
-        }
-        Policy::Network(policy)
+        Policy::Network(self.policy_network())
     }
 
     /// The inverse of [`Self::policy`], for both networks.
     fn start_from(&mut self, policy: &Policy) -> bool {
-        let Policy::Network(network) = policy;
+        let Policy::Network(network) = policy else { return false };
         if network.sizes() != self.online.sizes() {
             return false;
         }
@@ -330,8 +320,8 @@ impl Agent for Dqn {
         let td_errors = td_errors.collect();
         self.online.backward(activations, gradient);
         let terminal_share = self.replay.terminal_transitions() as f64 / self.replay.len() as f64;
-        let policy = self.policy();
-        let inside = Inside { network: policy.network(), reward_scale, terminal_share, td_errors, gradient };
+        let network = &self.policy_network();
+        let inside = Inside { network, reward_scale, terminal_share, td_errors, gradient };
         Some(inside.statistics(probes, played))
     }
 
@@ -373,9 +363,23 @@ impl Agent for Dqn {
 }
 
 impl Dqn {
+    /// The observations' divisors are folded into the first layer: W x / d = (W / d) x.
+    fn policy_network(&self) -> Mlp<f32> {
+        let mut policy = match self.config.policy_weights {
+            PolicyWeights::Online => self.online.clone(),
+            PolicyWeights::Target => self.target.clone(),
+        };
+        let outputs = policy.sizes()[1];
+        let columns = policy.layer_mut(0).chunks_exact_mut(outputs);
+        for (weights, divisor) in columns.zip(&self.observation_divisors) {
+            weights.iter_mut().for_each(|weight| *weight /= divisor);
+        }
+        policy
+    }
+
     /// ε and the learning rate after `env_steps` environment steps.
     fn apply_schedules(&mut self, env_steps: u64) {
-        self.adam.learning_rate = self.config.optimizer.learning_rate_after(env_steps);
+        self.adam.learning_rate = self.config.optimizer.learning_rate().after(env_steps);
         self.exploration.after_step(env_steps);
     }
 }

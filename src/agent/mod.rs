@@ -3,6 +3,8 @@
 mod dqn;
 mod exploration;
 mod policy;
+mod q_learning;
+mod q_table;
 mod random;
 mod replay;
 mod statistics;
@@ -12,16 +14,82 @@ pub mod td;
 use std::any::Any;
 
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
 
+use crate::mirror::Mirror;
+use crate::nn::LearningRate;
 use crate::tensors::{TensorError, Tensors};
 
 pub use dqn::{Dqn, DqnConfig, LearnConfig};
 pub use exploration::{EpsilonGreedy, Exploration};
 pub use policy::{Actor, Greedy, Policy};
+pub use q_learning::{Bins, QLearning, QTableConfig, TableConfig};
+pub use q_table::QTable;
 pub use random::Random;
 pub use replay::{Minibatch, Replay, ReplayConfig, ReplayContents, Transition, UpdateMode};
 pub use statistics::{NamedNumbers, Played, Probes, STATISTICS, Statistic};
 pub use target::{PolicyWeights, TargetUpdate};
+
+/// Which agent learns, and its settings. Each is a key of the config.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "agent", rename_all = "snake_case")]
+#[allow(missing_docs)]
+pub enum AgentConfig {
+    Dqn(DqnConfig),
+    QTable(QTableConfig),
+}
+
+impl AgentConfig {
+    /// The agent for a task of these sizes and with this mirror image, its streams spawned from `seed`.
+    pub fn make(
+        &self,
+        observation_size: usize,
+        num_actions: usize,
+        mirror: Option<&Mirror>,
+        seed: u64,
+    ) -> Box<dyn Agent> {
+        match self.clone() {
+            Self::Dqn(config) => Box::new(Dqn::new(config, observation_size, num_actions, mirror, seed)),
+            Self::QTable(config) => Box::new(QLearning::new(config, num_actions, mirror, seed)),
+        }
+    }
+
+    /// The settings of a [`Dqn`].
+    pub fn as_dqn(&self) -> Option<&DqnConfig> {
+        if let Self::Dqn(config) = self { Some(config) } else { None }
+    }
+
+    /// As `as_dqn`, to be changed.
+    pub fn as_dqn_mut(&mut self) -> Option<&mut DqnConfig> {
+        if let Self::Dqn(config) = self { Some(config) } else { None }
+    }
+
+    /// As `as_dqn`, by value.
+    pub fn into_dqn(self) -> Option<DqnConfig> {
+        if let Self::Dqn(config) = self { Some(config) } else { None }
+    }
+
+    /// The step size and its schedule.
+    pub fn learning_rate(&self) -> LearningRate {
+        match self {
+            Self::Dqn(config) => config.optimizer.learning_rate(),
+            Self::QTable(config) => config.optimizer,
+        }
+    }
+
+    /// The schedule of ε.
+    pub fn exploration(&self) -> Exploration {
+        match self {
+            Self::Dqn(config) => config.exploration,
+            Self::QTable(config) => config.exploration,
+        }
+    }
+
+    /// What rewards are multiplied by before the agent learns from them.
+    pub fn reward_scale(&self) -> f64 {
+        self.as_dqn().map_or(1.0, |config| config.reward_scale)
+    }
+}
 
 /// What learns. The trainer knows no more of it than this.
 pub trait Agent: Any + Send {

@@ -1,5 +1,8 @@
 //! Policies: what an agent has learned, in a form that can be played and saved.
 
+use nalgebra::DMatrix;
+
+use super::QTable;
 use crate::nn::{Activations, Mlp};
 use crate::tensors::{TensorError, Tensors, weights_sha256};
 
@@ -8,6 +11,8 @@ use crate::tensors::{TensorError, Tensors, weights_sha256};
 pub enum Policy {
     /// A Q-network for observations as the environment gives them.
     Network(Mlp<f32>),
+    /// A table of Q-values.
+    Table(QTable),
 }
 
 impl Policy {
@@ -20,6 +25,9 @@ impl Policy {
         observation_size: usize,
         num_actions: usize,
     ) -> Result<Self, TensorError> {
+        if QTable::is_in(tensors) {
+            return Ok(Self::Table(QTable::from_tensors(tensors, observation_size, num_actions)?));
+        }
         Ok(Self::Network(tensors.network(observation_size, num_actions)?))
     }
 
@@ -27,6 +35,7 @@ impl Policy {
     pub fn save(&self, prefix: &str, tensors: &mut Tensors) {
         match self {
             Self::Network(network) => tensors.put_network(prefix, network),
+            Self::Table(table) => table.save(prefix, tensors),
         }
     }
 
@@ -37,26 +46,41 @@ impl Policy {
     pub fn load(&mut self, prefix: &str, tensors: &Tensors) -> Result<(), TensorError> {
         match self {
             Self::Network(network) => tensors.get_network(prefix, network),
+            Self::Table(table) => table.load(prefix, tensors),
         }
     }
 
     /// The greedy policy for up to `batch` observations at once.
     pub fn greedy(&self, batch: usize) -> Greedy {
+        Greedy::new(self.clone(), batch)
+    }
+
+    /// The network, if it is one.
+    pub fn network(&self) -> Option<&Mlp<f32>> {
+        if let Self::Network(network) = self { Some(network) } else { None }
+    }
+
+    /// The table, if it is one.
+    pub fn table(&self) -> Option<&QTable> {
+        if let Self::Table(table) = self { Some(table) } else { None }
+    }
+
+    /// Its kind and size, for messages.
+    pub fn shape(&self) -> String {
         match self {
-            Self::Network(network) => Greedy::new(network.clone(), batch),
+            Self::Network(network) => format!("layers {:?}", network.sizes()),
+            Self::Table(table) => {
+                format!("a table of {:?} cells with {} actions", table.bins(), table.num_actions())
+            }
         }
     }
 
-    /// The network.
-    pub fn network(&self) -> &Mlp<f32> {
-        match self {
-            Self::Network(network) => network,
-        }
-    }
-
-    /// SHA-256 in lower-case hexadecimal over its numbers, see [`weights_sha256`].
+    /// SHA-256 in lower-case hexadecimal over its numbers, see [`weights_sha256`] and [`QTable::sha256`].
     pub fn sha256(&self) -> String {
-        weights_sha256(self.network())
+        match self {
+            Self::Network(network) => weights_sha256(network),
+            Self::Table(table) => table.sha256(),
+        }
     }
 }
 
@@ -70,21 +94,44 @@ pub trait Actor {
     fn q_values(&self) -> Vec<f32>;
 }
 
-/// A network's greedy policy, for a batch of observations at once.
+/// A policy that takes the action with the largest Q-value, for a batch of observations at once.
 #[derive(Clone, Debug)]
 pub struct Greedy {
-    network: Mlp<f32>,
-    activations: Activations<f32>,
+    batch: Batch,
     reward_scale: f64,
 }
 
+/// What gives the Q-values, and the Q-values, (batch, actions).
+#[derive(Clone, Debug)]
+enum Batch {
+    Network(Mlp<f32>, Activations<f32>),
+    Table(QTable, DMatrix<f32>),
+}
+
 impl Greedy {
-    /// The greedy policy of a network for up to `batch` observations at once.
-    pub fn new(network: Mlp<f32>, batch: usize) -> Self {
-        Self { activations: Activations::new(network.sizes(), batch), network, reward_scale: 1.0 }
+    /// The greedy policy for up to `batch` observations at once.
+    fn new(policy: Policy, batch: usize) -> Self {
+        let batch = match policy {
+            Policy::Network(network) => {
+                let activations = Activations::new(network.sizes(), batch);
+                Batch::Network(network, activations)
+            }
+            Policy::Table(table) => {
+                let q = DMatrix::zeros(batch, table.num_actions());
+                Batch::Table(table, q)
+            }
+        };
+        Self { batch, reward_scale: 1.0 }
     }
 
-    /// The same policy of a network that was trained on rewards times `reward_scale`. It changes no action: only the
+    fn q(&self) -> &DMatrix<f32> {
+        match &self.batch {
+            Batch::Network(_, activations) => activations.output(),
+            Batch::Table(_, q) => q,
+        }
+    }
+
+    /// The same policy of an agent that was trained on rewards times `reward_scale`. It changes no action: only the
     /// Q-values that are shown are divided by the scale, not the weights, whose rounding could decide between two actions.
     #[must_use]
     pub fn with_reward_scale(self, reward_scale: f64) -> Self {
@@ -93,29 +140,34 @@ impl Greedy {
 
     /// How many observations fit.
     pub fn batch(&self) -> usize {
-        self.activations.output().nrows()
+        self.q().nrows()
     }
 
     /// Computes the Q-values of these observations.
     pub fn forward_batch<'a>(&mut self, observations: impl Iterator<Item = &'a [f32]>) {
-        let batch = self.batch();
-        let input = self.activations.input_mut().as_mut_slice();
-        for (sample, observation) in observations.enumerate() {
-            for (value, &feature) in input[sample..].iter_mut().step_by(batch).zip(observation) {
-                *value = feature;
+        let size = self.batch();
+        match &mut self.batch {
+            Batch::Table(table, q) => table.forward(observations, q),
+            Batch::Network(network, activations) => {
+                let input = activations.input_mut().as_mut_slice();
+                for (sample, observation) in observations.enumerate() {
+                    for (value, &feature) in input[sample..].iter_mut().step_by(size).zip(observation) {
+                        *value = feature;
+                    }
+                }
+                network.forward(activations);
             }
         }
-        self.network.forward(&mut self.activations);
     }
 
     /// The action with the largest Q-value for one of the observations of the batch, the first of equals.
     pub fn action(&self, sample: usize) -> usize {
-        super::argmax(self.activations.output(), sample)
+        super::argmax(self.q(), sample)
     }
 
     /// The Q-value of an action for one of the observations of the batch, in units of the environment's rewards.
     pub fn q_value(&self, sample: usize, action: usize) -> f64 {
-        f64::from(self.activations.output()[(sample, action)]) / self.reward_scale
+        f64::from(self.q()[(sample, action)]) / self.reward_scale
     }
 }
 
@@ -126,6 +178,6 @@ impl Actor for Greedy {
     }
 
     fn q_values(&self) -> Vec<f32> {
-        (0..self.activations.output().ncols()).map(|action| self.q_value(0, action) as f32).collect()
+        (0..self.q().ncols()).map(|action| self.q_value(0, action) as f32).collect()
     }
 }

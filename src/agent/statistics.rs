@@ -1,5 +1,6 @@
 //! What learning looks like from inside: the numbers that move before the returns do.
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::nn::{Activations, Mlp};
@@ -55,7 +56,7 @@ const fn statistic(
 /// Every statistic of every agent, the most telling first. Values and errors are in units of the environment's rewards.
 #[rustfmt::skip]
 pub const STATISTICS: &[Statistic] = &[
-    statistic("max_q", "max Q", "Q-value: the return that the network expects in ordinary states", "mean over 128 fixed observations of random play of the largest Q-value"),
+    statistic("max_q", "max Q", "Q-value: the return that the agent expects in ordinary states", "mean over 128 fixed observations of random play of the largest Q-value"),
     statistic("overestimation", "overestimation", "Overestimation: expected less obtained return", "mean over the evaluation's episodes of max Q at the start minus the discounted return that the episode gave. An episode cut off by the time limit gives a little less than it is worth"),
     statistic("action_gap", "action gap", "Action gap: Q-value of the best action less that of the second best", "mean over the same observations of the distance of the largest Q-value to the second largest"),
     statistic("doomed_max_q", "doomed max Q", "Q-value one step before an episode terminates (in CartPole the true value is about 1)", "mean of max Q on observations of random play one step before an episode terminates. In CartPole only one more reward follows, so the true value is about 1. Left out where random play terminates no episode, as in MountainCar"),
@@ -65,6 +66,9 @@ pub const STATISTICS: &[Statistic] = &[
     statistic("td_error_q10", "", "", "10 % quantile of the absolute TD errors of the transitions of `gradient_norm`"),
     statistic("td_error_q50", "TD error, median", "", "their median"),
     statistic("td_error_q90", "", "", "their 90 % quantile"),
+    statistic("visited_share", "visited share", "Share of the table's cells that were ever visited", "share of the table's cells in which a value was ever updated"),
+    Statistic { is_logarithmic: true, ..statistic("visits_per_cell", "visits per cell", "Visits: updates for each visited cell", "number of updates so far for each visited cell") },
+    Statistic { is_logarithmic: true, ..statistic("largest_update", "largest update", "Largest change of a Q-value in an episode", "largest change of a Q-value, α times the TD error, in the latest complete episode") },
 ];
 
 /// Numbers with names, in an order.
@@ -72,6 +76,12 @@ pub const STATISTICS: &[Statistic] = &[
 pub struct NamedNumbers(pub Vec<(String, f64)>);
 
 impl NamedNumbers {
+    /// Numbers of these names; what is NaN is not known and left out.
+    pub(super) fn new<'a>(numbers: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
+        let known = numbers.into_iter().filter(|(_, number)| !number.is_nan());
+        Self(known.map(|(name, number)| (name.to_owned(), number)).collect())
+    }
+
     /// The number of this name.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(other, _)| other == name).map(|&(_, number)| number)
@@ -114,25 +124,40 @@ impl Inside<'_> {
         let quantile = |share: f64| self.td_errors[((self.td_errors.len() - 1) as f64 * share) as usize];
         let ordinary = forward(self.network, &probes.ordinary);
         let doomed = forward(self.network, &probes.doomed);
-        let (max_q, action_gap) = values(&ordinary);
+        let [overestimation, max_q, action_gap, doomed_max_q] =
+            value_statistics(ordinary.output(), doomed.output(), scale, played);
         let squares = self.gradient.parameters().iter().map(|&g| f64::from(g) * f64::from(g));
-        let overestimated = played.iter().map(|episode| episode.expected / scale - episode.discounted);
-        let numbers = [
-            ("overestimation", overestimated.sum::<f64>() / played.len() as f64),
+        NamedNumbers::new([
+            overestimation,
             ("terminal_share", self.terminal_share),
-            ("max_q", max_q / scale),
-            ("action_gap", action_gap / scale),
-            ("doomed_max_q", values(&doomed).0 / scale),
+            max_q,
+            action_gap,
+            doomed_max_q,
             ("gradient_norm", squares.sum::<f64>().sqrt()),
             ("td_error_q10", quantile(0.1)),
             ("td_error_q50", quantile(0.5)),
             ("td_error_q90", quantile(0.9)),
             ("dead_relu_share", dead_share(&[ordinary, doomed])),
-        ];
-        let is_known = |&(name, _): &(&str, f64)| name != "doomed_max_q" || !probes.doomed.is_empty();
-        let numbers = numbers.into_iter().filter(is_known);
-        NamedNumbers(numbers.map(|(name, number)| (name.to_owned(), number)).collect())
+        ])
     }
+}
+
+/// What every table of Q-values has, as an agent stores it or a network computes it: the values of the ordinary and the doomed
+/// probes, (batch, actions), for rewards times `scale`.
+pub(super) fn value_statistics(
+    ordinary: &DMatrix<f32>,
+    doomed: &DMatrix<f32>,
+    scale: f64,
+    played: &[Played],
+) -> [(&'static str, f64); 4] {
+    let (max_q, action_gap) = values(ordinary);
+    let overestimated = played.iter().map(|episode| episode.expected / scale - episode.discounted);
+    [
+        ("overestimation", overestimated.sum::<f64>() / played.len() as f64),
+        ("max_q", max_q / scale),
+        ("action_gap", action_gap / scale),
+        ("doomed_max_q", values(doomed).0 / scale),
+    ]
 }
 
 fn forward(policy: &Mlp<f32>, observations: &[Vec<f32>]) -> Activations<f32> {
@@ -146,9 +171,8 @@ fn forward(policy: &Mlp<f32>, observations: &[Vec<f32>]) -> Activations<f32> {
     activations
 }
 
-/// Means of the largest Q-value and of its distance to the second largest; 0 without observations.
-fn values(activations: &Activations<f32>) -> (f64, f64) {
-    let q = activations.output();
+/// Means of the largest Q-value and of its distance to the second largest; NaN without observations.
+fn values(q: &DMatrix<f32>) -> (f64, f64) {
     let (mut largest_sum, mut gap_sum) = (0.0, 0.0);
     for row in q.row_iter() {
         let (mut largest, mut second) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
@@ -158,7 +182,7 @@ fn values(activations: &Activations<f32>) -> (f64, f64) {
         largest_sum += f64::from(largest);
         gap_sum += f64::from(largest) - f64::from(second);
     }
-    let count = q.nrows().max(1) as f64;
+    let count = q.nrows() as f64;
     (largest_sum / count, gap_sum / count)
 }
 

@@ -167,6 +167,10 @@ pub enum Problem {
         "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or `result.online.0.weight`, …"
     )]
     NoResult,
+    #[error(
+        "holds a table of Q-values; `check` is about the update of a network, and docs/q_learning.md has that of a table"
+    )]
+    Table,
     #[error("has metadata `settings` that cannot be read: {0}")]
     Settings(serde_json::Error),
     #[error("the setting `{name}` is {value}; expected {expected}")]
@@ -236,6 +240,9 @@ struct Tensors<'a> {
 
 impl Tensors<'_> {
     fn update(&mut self, settings: Settings) -> Result<Update, Problem> {
+        if self.views.contains_key("q_table") {
+            return Err(Problem::Table);
+        }
         let sizes = self.sizes()?;
         let (inputs, outputs) = (sizes[0], sizes[sizes.len() - 1]);
         let batch_size = self.batch_size()?;

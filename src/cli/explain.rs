@@ -81,8 +81,7 @@ fn describe(lesson: &Lesson, arguments: &Arguments) -> String {
     }
     let _ = step(&mut text, lesson);
     let _ = (0..shown).try_for_each(|sample| afterwards(&mut text, lesson, &q, sample));
-    let again: f32 =
-        (0..size).map(|sample| lesson.config.dqn.loss.value(q.error_after(lesson, sample))).sum();
+    let again: f32 = (0..size).map(|sample| lesson.config.loss.value(q.error_after(lesson, sample))).sum();
     let again = number(again / size as f32);
     let _ = writeln!(text, "     loss on the same targets: {again}, before {}", number(lesson.loss));
     text
@@ -124,10 +123,10 @@ fn head(text: &mut String, lesson: &Lesson, update: u64) -> std::fmt::Result {
     let sizes: Vec<_> = lesson.before.online.sizes().iter().map(ToString::to_string).collect();
     let target =
         if lesson.has_target() { "Q⁻ is the target network's" } else { "no target network: Q⁻ is Q" };
-    writeln!(text, "update     {update}, seed {}", config.seed)?;
+    writeln!(text, "update     {update}, seed {}", lesson.seed)?;
     writeln!(text, "when       after environment step {}, in episode {}", lesson.env_steps, lesson.episodes)?;
     writeln!(text, "network    {}; {target}", sizes.join("-"))?;
-    if config.dqn.observation_divisors.is_some() || config.dqn.reward_scale != 1.0 {
+    if config.observation_divisors.is_some() || config.reward_scale != 1.0 {
         writeln!(text, "scales     observations and rewards are shown as the network gets them: scaled")?;
     }
     writeln!(
@@ -150,7 +149,7 @@ fn transition(text: &mut String, lesson: &Lesson, q: &Values, sample: usize) -> 
     let target = number(lesson.targets[sample]);
     if batch.terminated[sample] {
         writeln!(text, "     y = r = {target}")?;
-    } else if lesson.config.dqn.double {
+    } else if lesson.config.double {
         let best = crate::agent::argmax(&q.next, sample);
         let value = number(q.target_of_next[(sample, best)]);
         writeln!(text, "     Q(s′, ·) = {} is largest for action {best}", row(&q.next, sample))?;
@@ -161,7 +160,7 @@ fn transition(text: &mut String, lesson: &Lesson, q: &Values, sample: usize) -> 
     }
     let predicted = q.current[(sample, action)];
     let td_error = predicted - lesson.targets[sample];
-    let loss = lesson.config.dqn.loss;
+    let loss = lesson.config.loss;
     let formula = match loss {
         Loss::Mse => "δ²",
         Loss::Huber if td_error.abs() < 1.0 => "½ δ²",
@@ -180,8 +179,7 @@ fn step(text: &mut String, lesson: &Lesson) -> std::fmt::Result {
     let (before, after) = (&lesson.before, &lesson.after);
     writeln!(text, "\nloss       {}, the mean of {}", number(lesson.loss), lesson.targets.len())?;
     let whole = norm(lesson.gradient.parameters());
-    let is_shortened =
-        lesson.config.dqn.optimizer.max_gradient_norm.filter(|max| f64::from(whole) > max * 0.999);
+    let is_shortened = lesson.config.optimizer.max_gradient_norm.filter(|max| f64::from(whole) > max * 0.999);
     let shortened =
         is_shortened.map_or(String::new(), |max| format!(", shortened to max_gradient_norm {max}"));
     writeln!(text, "gradient   norm {}{shortened}", number(whole))?;

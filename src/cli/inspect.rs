@@ -94,7 +94,7 @@ fn describe_header(text: &mut String, header: &Header, version: Option<u32>) -> 
 }
 
 fn describe_policy(text: &mut String, checkpoint: &Checkpoint, policy: &Policy) -> std::fmt::Result {
-    writeln!(text, "policy      layers {:?}", policy.network().sizes())?;
+    writeln!(text, "policy      {}", policy.shape())?;
     writeln!(text, "weights     sha256 of the policy, which eval plays:")?;
     writeln!(text, "            {}", policy.sha256())?;
     let mut online = policy.clone();

@@ -146,8 +146,10 @@ impl Found {
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
         let policy = SavedPolicy::of(&self.checkpoint, &self.spec()?);
         policy.map_err(|problem| {
-            let is_for_another =
-                matches!(problem, CheckpointProblem::Tensor(TensorError::WrongNetwork { .. }));
+            let is_for_another = matches!(
+                problem,
+                CheckpointProblem::Tensor(TensorError::WrongNetwork { .. } | TensorError::WrongTable { .. })
+            );
             let error = CheckpointError { path: self.file.clone(), problem };
             match is_for_another && self.checkpoint.header::<Header>().is_err() {
                 true => Failure::BadInput(format!("{error}; --environment NAME says what it plays")),

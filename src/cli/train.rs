@@ -196,8 +196,8 @@ fn observers<'a>(
     }
     // A resumed run that has event files continues them.
     if arguments.tensorboard || (arguments.resume.is_some() && run.has_events()) {
-        let (folder, optimizer) = (run.tensorboard(), config.dqn.optimizer);
-        let learning_rate = move |steps| optimizer.learning_rate_after(steps);
+        let (folder, rate) = (run.tensorboard(), config.agent.learning_rate());
+        let learning_rate = move |steps| rate.after(steps);
         let events = TensorBoard::create(&folder, env_steps, learning_rate);
         observers.0.push(Box::new(events.map_err(|error| cannot_write(&folder, &error, ""))?));
     }
@@ -273,6 +273,7 @@ fn describe(record: &Record, trainer: &Trainer, run: &RunDir, allowance: &str) -
         }
         _ => "",
     };
+    let learned = if trainer.agent().as_dqn().is_some() { "online network" } else { "table" };
     let path = run.path().display().to_string();
     let (program, argument) = (program(), shell_word(&path));
     format!(
@@ -283,7 +284,7 @@ ended      {ended}
 training   {training}
 best       {best}
 final      {final_}
-weights    SHA-256 of the online network at the end:
+weights    SHA-256 of the {learned} at the end:
            {}
 {collapsed}
 Next: play the best policy on new episodes, watch it, draw the learning curve.

@@ -9,7 +9,7 @@ use std::ops::RangeBounds;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::Config;
+use super::{Config, DQN, Q_TABLE};
 use crate::agent::{Exploration, TargetUpdate};
 use crate::env::Spec;
 use crate::env::catalogue::EnvironmentId;
@@ -43,9 +43,15 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("environment.timeout_seconds", Allowed::Integer(1, 86_400), "seconds", "only of a program: the time that it has for an answer"),
     Key::new("environment.task", Allowed::Task, "", "only of a program: what it said of its task; a run records this, and nobody needs to set it"),
     Key::new("max_episode_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "training episodes are cut off after this many steps; `null`: after as many as the environment allows. Evaluations always have the environment's own time limit"),
+    Key::new("agent", Allowed::OneOf(&[DQN, Q_TABLE]), "", "`dqn`: a network; `q_table`: Q-learning in a table over the cells of a grid, with the keys `table`, `optimizer.learning_rate`, `optimizer.schedule`, `gamma` and `exploration` alone"),
     Key::new("network.hidden", Allowed::LayerSizes, "units", "units of each hidden layer, first to last; `[]` is a linear network"),
     Key::new("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"]), "", "how the weights start"),
-    Key::new("optimizer.learning_rate", POSITIVE, "", "Adam's step size α; if there is a schedule, the value at its start"),
+    Key::new("table.bins", Allowed::PerCoordinate(&Allowed::Bins), "cells", "only `q_table`: the cells of each observation coordinate: a number of equal ones between `low` and `high`, or the list of their inner edges. The outermost cells have no outer edge"),
+    Key::new("table.low", Allowed::PerCoordinate(&EDGE), "as the coordinates", "only `q_table`: where the equal cells of each coordinate begin; without effect for a list of edges"),
+    Key::new("table.high", Allowed::PerCoordinate(&EDGE), "as the coordinates", "only `q_table`: where they end"),
+    Key::new("table.initial", EDGE, "return", "only `q_table`: every Q-value at the start"),
+    Key::new("table.mirror", Allowed::Bool, "", "only `q_table`: the table learns from each transition and from its mirror image (left and right exchanged)"),
+    Key::new("optimizer.learning_rate", POSITIVE, "", "step size α of Adam, or of a table's update, whose default is 0.1; if there is a schedule, the value at its start"),
     Key::new("optimizer.beta1", BELOW_ONE, "", "decay of the first moment"),
     Key::new("optimizer.beta2", BELOW_ONE, "", "decay of the second moment"),
     Key::new("optimizer.epsilon", Allowed::Number("from 1e-30 to 1", (Included(1e-30), Included(1.0))), "", "added to the root of the bias-corrected second moment"),
@@ -75,7 +81,7 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("target.every_episodes", PERIOD, "episodes", "only `hard`, instead of `every_steps`: copied after episode e, from 0, if `e % every_episodes == 0`"),
     Key::new("target.tau", POSITIVE, "per learning step", "only `soft`: share of the way, after every learning step"),
     Key::new("truncation_is_terminal", Allowed::Bool, "", "the time limit counts as the end of the task, as a termination does"),
-    Key::new("observation_divisors", Allowed::OrNull(&Allowed::Divisors), "as the coordinates", "what the coordinates of an observation are divided by before the agent sees them; `null`: nothing"),
+    Key::new("observation_divisors", Allowed::OrNull(&Allowed::PerCoordinate(&SCALE)), "as the coordinates", "what the coordinates of an observation are divided by before the agent sees them; `null`: nothing"),
     Key::new("reward_scale", SCALE, "", "what rewards are multiplied by before they are stored; metrics show the raw ones"),
     Key::new("policy_weights", Allowed::OneOf(&["online", "target"]), "", "the weights that are evaluated and saved as the policy"),
     Key::new("budget.steps", PERIOD, "steps", "the run ends after this many steps"),
@@ -96,18 +102,18 @@ pub(super) fn alternatives() -> [(&'static str, Vec<Map<String, Value>>); 4] {
     let soft = TargetUpdate::Soft { tau: 0.005 };
     let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
     [
-        ("exploration", vec![object(default.dqn.exploration), object(per_episode)]),
+        ("exploration", vec![object(default.agent.exploration()), object(per_episode)]),
         (
             "target",
             vec![
-                object(default.dqn.target),
+                object(TargetUpdate::EverySteps(500)),
                 object(every_episodes),
                 object(soft),
                 object(TargetUpdate::None),
             ],
         ),
         ("budget", vec![object(default.budget), object(Budget::Episodes(500))]),
-        ("optimizer.schedule", vec![object(default.dqn.optimizer.schedule), object(schedule)]),
+        ("optimizer.schedule", vec![object(default.agent.learning_rate().schedule), object(schedule)]),
     ]
 }
 
@@ -128,8 +134,12 @@ pub fn key_paths() -> impl Iterator<Item = &'static str> {
 
 const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
 const UNIT: Allowed = Allowed::Number("from 0 to 1", (Included(0.0), Included(1.0)));
+/// Most cells of a coordinate.
+const MAX_BINS: usize = 10_000;
+const BINS: Allowed = Allowed::Integer(1, MAX_BINS as u64);
 const BELOW_ONE: Allowed = Allowed::Number("from 0 to below 1", (Included(0.0), Excluded(1.0)));
 const POSITIVE: Allowed = Allowed::Number("above 0 and at most 1", (Excluded(0.0), Included(1.0)));
+const EDGE: Allowed = Allowed::Number("from -1e30 to 1e30", (Included(-1e30), Included(1e30)));
 pub(super) const SCALE: Allowed = Allowed::Number("from 1e-30 to 1e30", (Included(1e-30), Included(1e30)));
 
 /// What a key may hold.
@@ -148,8 +158,10 @@ pub(super) enum Allowed {
     /// The range in words and as bounds.
     Number(&'static str, (Bound<f64>, Bound<f64>)),
     LayerSizes,
-    /// One number for each coordinate of an observation. The environment decides how many these are.
-    Divisors,
+    /// One of these for each coordinate of an observation. The environment decides how many these are.
+    PerCoordinate(&'static Allowed),
+    /// A number of cells, or a list of their inner edges.
+    Bins,
     /// An object, with its keys in words. Each of these keys has a line of its own.
     Object(&'static str),
     OrNull(&'static Allowed),
@@ -174,9 +186,13 @@ impl Allowed {
             Self::LayerSizes => value.as_array().is_some_and(|sizes| {
                 sizes.len() <= 16 && sizes.iter().all(|size| Self::Integer(1, 4096).admits(size))
             }),
-            Self::Divisors => {
-                value.as_array().is_some_and(|divisors| divisors.iter().all(|divisor| SCALE.admits(divisor)))
+            Self::PerCoordinate(allowed) => {
+                value.as_array().is_some_and(|values| values.iter().all(|value| allowed.admits(value)))
             }
+            Self::Bins => match value.as_array() {
+                Some(edges) => edges.len() < MAX_BINS && edges.iter().all(|edge| EDGE.admits(edge)),
+                None => BINS.admits(value),
+            },
             Self::Object(_) => value.is_object(),
             Self::OrNull(allowed) => value.is_null() || allowed.admits(value),
         }
@@ -218,7 +234,10 @@ impl Allowed {
             Self::LayerSizes => {
                 json!({"type": "array", "maxItems": 16, "items": Self::Integer(1, 4096).schema()})
             }
-            Self::Divisors => json!({"type": "array", "items": SCALE.schema()}),
+            Self::PerCoordinate(allowed) => json!({"type": "array", "items": allowed.schema()}),
+            Self::Bins => {
+                json!({"anyOf": [BINS.schema(), {"type": "array", "maxItems": MAX_BINS - 1, "items": EDGE.schema()}]})
+            }
             Self::Object(_) => json!({"type": "object"}),
             Self::OrNull(allowed) => json!({"anyOf": [allowed.schema(), {"type": "null"}]}),
         }
@@ -240,7 +259,10 @@ impl fmt::Display for Allowed {
             Self::LayerSizes => {
                 write!(f, "a list of at most 16 integers, each from 1 to 4096, such as [24, 24]")
             }
-            Self::Divisors => write!(f, "a list with {SCALE} for each observation coordinate"),
+            Self::PerCoordinate(allowed) => {
+                write!(f, "a list with {allowed} for each observation coordinate")
+            }
+            Self::Bins => write!(f, "{BINS} or a list of edges, in ascending order"),
             Self::Object(keys) => write!(f, "{keys}"),
             Self::OrNull(allowed) => write!(f, "null or {allowed}"),
         }

@@ -8,8 +8,8 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
-use super::ConfigError;
-use super::keys::{Allowed, KEYS, Key};
+use super::keys::{Allowed, KEYS, Key, alternatives, pointer};
+use super::{ConfigError, DQN, Q_TABLE};
 
 /// The keys that one source sets, each known and within its range.
 pub(super) struct Layer {
@@ -55,6 +55,26 @@ impl Layer {
         match self.values.insert(key.clone(), value) {
             None => Ok(()),
             Some(_) => Err(key_error(&self.origin, "duplicate key", &key, "a key may come once".into())),
+        }
+    }
+
+    /// Refuses the keys of another agent than the one whose defaults are `root`.
+    pub(super) fn check_agent(&self, root: &Value) -> Result<(), ConfigError> {
+        let belongs = |key: &str| {
+            let is_in = |(group, _): &(&str, _)| key == *group || key.starts_with(&format!("{group}."));
+            let known = |path: &str| root.pointer(&pointer(path)).is_some();
+            known(key) || alternatives().iter().any(|group| is_in(group) && known(group.0))
+        };
+        match self.values.keys().find(|key| !belongs(key)) {
+            None => Ok(()),
+            Some(key) => {
+                let other = if root["agent"] == DQN { Q_TABLE } else { DQN };
+                let hint = format!(
+                    "it belongs to the agent \"{other}\", and `agent` is {} here; a config is for one agent",
+                    root["agent"]
+                );
+                Err(key_error(&self.origin, "misplaced key", key, hint))
+            }
         }
     }
 

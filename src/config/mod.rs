@@ -6,10 +6,12 @@
 //! from that line. A new alternative of a group is a line of `keys::alternatives`.
 
 mod difference;
+mod dqn;
 mod environment;
 mod keys;
 mod layer;
 mod schema;
+mod table;
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -23,7 +25,8 @@ use keys::{SCALE, alternatives, pointer};
 use layer::{Layer, choose, invalid};
 
 use crate::agent::{
-    Agent, Dqn, DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
+    Agent, AgentConfig, DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate,
+    UpdateMode,
 };
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
@@ -41,6 +44,10 @@ pub const MAX_BYTES: u64 = 1 << 20;
 /// Most memory that a config may ask for, in bytes.
 const MAX_MEMORY: u64 = 8 << 30;
 
+/// The agents' names, as `agent` has them.
+const DQN: &str = "dqn";
+const Q_TABLE: &str = "q_table";
+
 /// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Config {
@@ -52,7 +59,7 @@ pub struct Config {
     pub max_episode_steps: Option<u32>,
     /// The agent.
     #[serde(flatten)]
-    pub dqn: DqnConfig,
+    pub agent: AgentConfig,
     /// When the run ends.
     pub budget: Budget,
     /// The greedy evaluations during training.
@@ -69,7 +76,7 @@ impl Default for Config {
             seed: 0,
             environment: EnvironmentConfig::Named(EnvironmentId::CartPoleV1),
             max_episode_steps: None,
-            dqn: DqnConfig {
+            agent: AgentConfig::Dqn(DqnConfig {
                 network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
                 optimizer: OptimizerConfig {
                     learning_rate: 1e-3,
@@ -97,7 +104,7 @@ impl Default for Config {
                 observation_divisors: None,
                 reward_scale: 1.0,
                 policy_weights: PolicyWeights::Online,
-            },
+            }),
             budget: Budget::Steps(50_000),
             evaluation: EvaluationConfig { every_steps: 1000, episodes: 20 },
             checkpoint: CheckpointConfig { every_steps: 10_000 },
@@ -131,6 +138,15 @@ pub enum ConfigError {
 }
 
 impl Config {
+    /// The defaults with the agent of this name.
+    fn with_agent(name: &str) -> Self {
+        let default = Self::default();
+        match name {
+            Q_TABLE => Self { agent: table::default(default.agent.exploration()), ..default },
+            _ => default,
+        }
+    }
+
     /// Merges the defaults, a file (its name for messages, and its text) and the `key.path=value`s of `--set`, which
     /// together are one layer. A value is JSON if it parses as JSON, or else a string.
     ///
@@ -144,7 +160,9 @@ impl Config {
         if !sets.is_empty() {
             layers.push(Layer::from_sets(sets)?);
         }
-        let mut root = json!(Self::default());
+        let agent = layers.iter().rev().find_map(|layer| layer.values.get("agent"));
+        let mut root = json!(Self::with_agent(agent.and_then(Value::as_str).unwrap_or(DQN)));
+        layers.iter().try_for_each(|layer| layer.check_agent(&root))?;
         for (key, value) in layers.iter().flat_map(|layer| &layer.values) {
             // Only a key of an alternative can be missing in the default; those are merged below.
             if let Some(slot) = root.pointer_mut(&pointer(key)) {
@@ -181,73 +199,37 @@ impl Config {
     }
 
     fn check_combinations(&self, origin: &str) -> Result<(), ConfigError> {
-        let ReplayConfig { capacity, batch_size, warmup_steps, .. } = self.dqn.replay;
-        let every = self.dqn.learn.every_steps;
         let (Exploration::PerEpisode { initial, final_, .. } | Exploration::Linear { initial, final_, .. }) =
-            self.dqn.exploration;
-        // The learning step in which the memory holds enough; the warm-up alone would leave nothing to train.
-        let first_update = warmup_steps.max(batch_size as u64).checked_next_multiple_of(every);
-        let least_steps = first_update.unwrap_or(u64::MAX).max(warmup_steps.saturating_add(1));
-        let steps = if let Budget::Steps(steps) = self.budget { steps } else { u64::MAX };
-
-        let at_most = |key: &str, limit: Value| format!("at most `{key}`, which is {limit}");
-        let enough = format!(
-            "at least {least_steps}, or nothing is learned (`replay.warmup_steps` is {warmup_steps}, \
-             `replay.batch_size` {batch_size}, `learn.every_steps` {every})"
-        );
-        let rules = [
-            (
-                batch_size <= capacity,
-                "replay.batch_size",
-                json!(batch_size),
-                at_most("replay.capacity", json!(capacity)),
-            ),
-            (
-                final_ <= initial,
-                "exploration.final",
-                json!(final_),
-                at_most("exploration.initial", json!(initial)),
-            ),
-            (steps >= least_steps, "budget.steps", json!(steps), enough),
-            (
-                self.dqn.policy_weights == PolicyWeights::Online
-                    || matches!(self.dqn.target, TargetUpdate::Soft { .. }),
-                "policy_weights",
-                json!(self.dqn.policy_weights),
-                format!(
-                    "\"online\"; \"target\" only if `target.kind` is \"soft\", and `target` is {}",
-                    json!(self.dqn.target)
-                ),
-            ),
-            (
-                self.memory() <= MAX_MEMORY,
-                "network.hidden",
-                json!(self.dqn.network.hidden),
-                format!(
-                    "smaller layers: with `replay.batch_size` {batch_size} and `replay.capacity` {capacity} the run \
-                     would take about {} GiB of memory; at most {} are allowed",
-                    self.memory().div_ceil(1 << 30),
-                    MAX_MEMORY >> 30
-                ),
-            ),
-        ];
-        match rules.into_iter().find(|(holds, ..)| !holds) {
-            Some((_, key, value, allowed)) => Err(invalid(origin, key, &value, allowed)),
-            None => Ok(()),
+            self.agent.exploration();
+        if final_ > initial {
+            let allowed = format!("at most `exploration.initial`, which is {}", json!(initial));
+            return Err(invalid(origin, "exploration.final", &json!(final_), allowed));
+        }
+        match &self.agent {
+            AgentConfig::Dqn(dqn) => dqn::check(self, dqn, origin),
+            AgentConfig::QTable(_) => Ok(()),
         }
     }
 
     /// Checks what the task decides.
     fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
-        let (size, mirror) = (task.observation_size, self.dqn.replay.mirror);
-        if let Some(divisors) = self.dqn.observation_divisors.as_ref().filter(|all| all.len() != size) {
+        let size = task.observation_size;
+        let (mirror_key, mirror) = match &self.agent {
+            AgentConfig::Dqn(dqn) => ("replay.mirror", dqn.replay.mirror),
+            AgentConfig::QTable(config) => ("table.mirror", config.table.mirror),
+        };
+        if let AgentConfig::QTable(config) = &self.agent {
+            table::check(&config.table, origin, task)?;
+        }
+        let divisors = self.agent.as_dqn().and_then(|dqn| dqn.observation_divisors.as_ref());
+        if let Some(divisors) = divisors.filter(|all| all.len() != size) {
             let allowed =
                 format!("null or a list with {SCALE} for each of the {size} observation coordinates");
             return Err(invalid(origin, "observation_divisors", &json!(divisors), allowed));
         }
         if mirror && task.mirror.is_none() {
             let allowed = format!("false, because {} is not known to be its own mirror image", task.id);
-            return Err(invalid(origin, "replay.mirror", &json!(mirror), allowed));
+            return Err(invalid(origin, mirror_key, &json!(mirror), allowed));
         }
         Ok(())
     }
@@ -270,10 +252,14 @@ impl Config {
 
     fn parts(&self) -> [u64; 3] {
         let (observation_size, num_actions) = self.sizes();
-        let sizes = self.dqn.network.sizes(observation_size, num_actions);
+        let dqn = match &self.agent {
+            AgentConfig::Dqn(dqn) => dqn,
+            AgentConfig::QTable(config) => return [0, table::bytes(&config.table, num_actions), 0],
+        };
+        let sizes = dqn.network.sizes(observation_size, num_actions);
         let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
         let units: usize = sizes.iter().sum();
-        let ReplayConfig { capacity, batch_size, .. } = self.dqn.replay;
+        let ReplayConfig { capacity, batch_size, .. } = dqn.replay;
         [self.transition_bytes() * capacity as u64, 32 * parameters as u64, 16 * (batch_size * units) as u64]
     }
 
@@ -292,11 +278,16 @@ impl Config {
         let run = [replay / 3 * 2, replay / 3, networks, batch, filled + networks, filled + networks];
         check_memory(std::iter::repeat_n(run, runs).flatten()).map_err(|_| {
             let mib = (run.iter().sum::<u64>() >> 20) + 1;
-            let ReplayConfig { capacity, batch_size, .. } = self.dqn.replay;
+            let size = match &self.agent {
+                AgentConfig::Dqn(DqnConfig { network, replay, .. }) => format!(
+                    "`replay.capacity` {}, `replay.batch_size` {} and `network.hidden` {:?}",
+                    replay.capacity, replay.batch_size, network.hidden
+                ),
+                AgentConfig::QTable(config) => format!("`table.bins` {}", json!(config.table.bins)),
+            };
             format!(
-                "not enough memory: a run takes up to {mib} MiB with `replay.capacity` {capacity}, `replay.batch_size` \
-                 {batch_size} and `network.hidden` {:?}; make these smaller, or give the process more memory",
-                self.dqn.network.hidden
+                "not enough memory: a run takes up to {mib} MiB with {size}; make these smaller, or give the process more \
+                 memory"
             )
         })
     }
@@ -308,8 +299,7 @@ impl Config {
 
     /// The run's agent, for a task.
     pub fn make_agent(&self, spec: &Spec) -> Box<dyn Agent> {
-        let Spec { observation_size, num_actions, .. } = *spec;
-        Box::new(Dqn::new(self.dqn.clone(), observation_size, num_actions, spec.mirror.as_ref(), self.seed))
+        self.agent.make(spec.observation_size, spec.num_actions, spec.mirror.as_ref(), self.seed)
     }
 
     /// The run in its own environment, before its first step.

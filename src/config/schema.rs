@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use serde_json::{Map, Value, json};
 
-use super::Config;
 use super::environment::{KEY, program_defaults};
 use super::keys::{Allowed, KEYS, Key, alternatives, object, pointer};
+use super::{Config, DQN, Q_TABLE};
 
 /// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
 /// (`"replay.capacity"`), and it does not know the rules that concern several keys.
@@ -15,8 +15,15 @@ pub fn schema() -> Value {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Config of cartpole-dqn",
     }));
-    schema.extend(object(members("", &json!(Config::default()))));
+    schema.extend(object(members("", &every_default())));
     schema.into()
+}
+
+/// The defaults of the keys of every agent. Of a key that several agents have it is that of the default agent.
+fn every_default() -> Value {
+    let mut defaults = object(Config::with_agent(Q_TABLE));
+    defaults.extend(object(Config::default()));
+    defaults.into()
 }
 
 /// The schema of the object whose keys begin with `prefix`.
@@ -127,7 +134,7 @@ fn default_of(path: &str) -> Option<Value> {
     if let Some(name) = path.strip_prefix(KEY).and_then(|rest| rest.strip_prefix('.')) {
         return program_defaults().get(name).cloned();
     }
-    json!(Config::default()).pointer(&pointer(path)).cloned()
+    every_default().pointer(&pointer(path)).cloned()
 }
 
 /// One key of a config.
@@ -167,7 +174,7 @@ impl Config {
     /// The defaults of the keys that this config has, those of its alternatives included.
     fn defaults(&self) -> Value {
         let config = json!(self);
-        let mut defaults = json!(Config::default());
+        let mut defaults = json!(Config::with_agent(config["agent"].as_str().unwrap_or(DQN)));
         if config[KEY].is_object() {
             defaults[KEY] = program_defaults().into();
         }

@@ -23,7 +23,7 @@ pub use init::Init;
 pub use kernels::{Float, Kernels};
 pub use loss::Loss;
 pub use mlp::{Activations, Mlp};
-pub use optimizer::{LearningRateSchedule, OptimizerConfig, clip_norm};
+pub use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm};
 
 /// The shape and the start of the Q-network.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -33,15 +33,19 @@ pub struct LearningRateSchedule {
     pub steps: u64,
 }
 
-impl OptimizerConfig {
-    /// Adam's part.
-    pub fn adam(&self) -> AdamConfig {
-        let Self { learning_rate, beta1, beta2, epsilon, .. } = *self;
-        AdamConfig { learning_rate, beta1, beta2, epsilon }
-    }
+/// A step size and how it changes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearningRate {
+    /// Step size α; with a schedule that of the first step.
+    pub learning_rate: f64,
+    /// None: the step size stays.
+    pub schedule: Option<LearningRateSchedule>,
+}
 
+impl LearningRate {
     /// Step size after `env_steps` environment steps of the run.
-    pub fn learning_rate_after(&self, env_steps: u64) -> f64 {
+    pub fn after(&self, env_steps: u64) -> f64 {
         match self.schedule {
             None => self.learning_rate,
             Some(schedule) if env_steps >= schedule.steps => schedule.final_learning_rate,
@@ -50,6 +54,20 @@ impl OptimizerConfig {
                 self.learning_rate + (final_learning_rate - self.learning_rate) * share
             }
         }
+    }
+}
+
+impl OptimizerConfig {
+    /// Adam's part.
+    pub fn adam(&self) -> AdamConfig {
+        let Self { learning_rate, beta1, beta2, epsilon, .. } = *self;
+        AdamConfig { learning_rate, beta1, beta2, epsilon }
+    }
+
+    /// Adam's step size and its schedule.
+    pub fn learning_rate(&self) -> LearningRate {
+        let Self { learning_rate, schedule, .. } = *self;
+        LearningRate { learning_rate, schedule }
     }
 }
 
@@ -95,15 +113,8 @@ mod tests {
     #[test]
     fn the_learning_rate_falls_in_a_straight_line_and_stays() {
         let schedule = Some(LearningRateSchedule { final_learning_rate: 0.25, steps: 4 });
-        let mut config = OptimizerConfig {
-            learning_rate: 0.75,
-            beta1: 0.9,
-            beta2: 0.999,
-            epsilon: 1e-8,
-            max_gradient_norm: None,
-            schedule,
-        };
-        let rates = |config: &OptimizerConfig| [0, 1, 3, 4, 99].map(|step| config.learning_rate_after(step));
+        let mut config = LearningRate { learning_rate: 0.75, schedule };
+        let rates = |config: &LearningRate| [0, 1, 3, 4, 99].map(|step| config.after(step));
         assert_eq!(rates(&config), [0.75, 0.625, 0.375, 0.25, 0.25]);
         config.schedule = None;
         assert_eq!(rates(&config), [0.75; 5]);

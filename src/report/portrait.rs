@@ -5,10 +5,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::ReportError;
-use crate::agent::Greedy;
+use crate::agent::QTable;
 use crate::config::EnvironmentConfig;
 use crate::draw::{Motion, motions};
-use crate::env::map::MapAxis;
+use crate::env::map::{MapAxis, Quantity};
 use crate::env::scene::Outline;
 use crate::run::names::{BEST, CHECKPOINTS, LAST};
 use crate::run::{Checkpoint, SavedPolicy};
@@ -42,6 +42,17 @@ struct Map {
     gap: Vec<f64>,
     /// Where the episode was, along each axis.
     trail: [Vec<f64>; 2],
+    /// None for a network.
+    table: Option<Cells>,
+}
+
+/// The cells of a table in the plane.
+#[derive(Serialize)]
+struct Cells {
+    /// Their edges along each axis.
+    edges: [Vec<f64>; 2],
+    /// How often the cell of every point was updated.
+    visits: Vec<u64>,
 }
 
 #[derive(Serialize)]
@@ -110,7 +121,7 @@ impl Portrait {
         let mut environment = (environment.make())(task.max_steps).map_err(failed)?;
         let recording = record(&mut saved.greedy(1), &mut *environment, SCORE_SEED).map_err(failed)?;
         let (count, frames) = ([task.observation_size, task.num_actions], &recording.frames);
-        let map = task.map.as_ref().map(|axes| Map::new(axes, count, saved.greedy(SIZE * SIZE), frames));
+        let map = task.map.as_ref().map(|axes| Map::new(axes, count, &saved, frames));
         Ok(Some(Self {
             checkpoint: name,
             env_steps: saved.header.as_ref().map(|header| header.env_steps),
@@ -124,7 +135,7 @@ impl Portrait {
 }
 
 impl Map {
-    fn new(axes: &[MapAxis; 2], [size, actions]: [usize; 2], mut policy: Greedy, frames: &[Frame]) -> Self {
+    fn new(axes: &[MapAxis; 2], [size, actions]: [usize; 2], saved: &SavedPolicy, frames: &[Frame]) -> Self {
         let value = |axis: usize, i: usize| {
             let (low, high) = axes[axis].range;
             low + (high - low) * i as f64 / (SIZE - 1) as f64
@@ -136,6 +147,7 @@ impl Map {
             observation
         };
         let observations: Vec<_> = (0..SIZE * SIZE).map(observation).collect();
+        let mut policy = saved.greedy(observations.len());
         policy.forward_batch(observations.iter().map(AsRef::as_ref));
         let ranked = (0..observations.len()).map(|sample| {
             let mut order: Vec<usize> = (0..actions).collect();
@@ -151,7 +163,31 @@ impl Map {
         };
         let trail =
             |axis: &MapAxis| frames.iter().map(|frame| rounded(axis.read(&frame.observation))).collect();
-        Self { size: SIZE, axes: axes.each_ref().map(axis), best, gap, trail: axes.each_ref().map(trail) }
+        let table = saved.policy.table().map(|table| Cells::new(table, axes, &observations));
+        Self {
+            size: SIZE,
+            axes: axes.each_ref().map(axis),
+            best,
+            gap,
+            trail: axes.each_ref().map(trail),
+            table,
+        }
+    }
+}
+
+impl Cells {
+    fn new(table: &QTable, axes: &[MapAxis; 2], observations: &[Vec<f32>]) -> Self {
+        let edges = |axis: &MapAxis| match axis.quantity {
+            Quantity::Coordinate(i) => {
+                let edges = table.edges()[i].iter().map(|&edge| f64::from(edge) * axis.factor);
+                edges.filter(|edge| axis.range.0 < *edge && *edge < axis.range.1).collect()
+            }
+            // The edges of a cosine and a sine are not straight in the plane of the angle.
+            Quantity::Angle { .. } => Vec::new(),
+        };
+        let sum = |visits: &[u64]| visits.iter().fold(0, |sum: u64, &count| sum.saturating_add(count));
+        let visits = observations.iter().map(|observation| sum(table.visits(observation))).collect();
+        Self { edges: axes.each_ref().map(edges), visits }
     }
 }
 

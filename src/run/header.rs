@@ -74,7 +74,7 @@ impl SavedPolicy {
     /// The greedy policy for up to `batch` observations at once. Every Q-value that a user sees comes from here, so that
     /// all of them are in units of the environment's rewards.
     pub fn greedy(&self, batch: usize) -> Greedy {
-        let reward_scale = self.header.as_ref().map_or(1.0, |header| header.config.dqn.reward_scale);
+        let reward_scale = self.header.as_ref().map_or(1.0, |header| header.config.agent.reward_scale());
         self.policy.greedy(batch).with_reward_scale(reward_scale)
     }
 }

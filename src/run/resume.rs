@@ -11,9 +11,10 @@ use super::{
     Checkpoint, CheckpointError, CheckpointProblem, Header, Recorder, RunDir, RunError, bad, checkpoint_of,
     unwritable,
 };
-use crate::agent::Exploration;
+use crate::agent::{Exploration, Policy};
 use crate::config::{Config, EnvironmentConfig, difference};
 use crate::files::{remove_unfinished, write_json};
+use crate::nn::LearningRate;
 use crate::text::shown;
 use crate::trainer::{Budget, EndReason, Observer, ResumeError, TrainError, Trainer};
 
@@ -77,14 +78,17 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
         .policy(trainer.spec())
         .map_err(|problem| CheckpointError { path: path.to_owned(), problem })?;
     let own = trainer.agent().policy();
-    let (found, wanted) = (policy.network().sizes(), own.network().sizes());
+    let (found, wanted) = (policy.shape(), own.shape());
     if found != wanted {
-        let hidden: Vec<String> = found[1..found.len() - 1].iter().map(usize::to_string).collect();
+        let how = policy.network().filter(|_| own.network().is_some()).map_or(String::new(), |network| {
+            let sizes = network.sizes();
+            let hidden: Vec<String> = sizes[1..sizes.len() - 1].iter().map(usize::to_string).collect();
+            format!(": --set 'network.hidden=[{}]'", hidden.join(","))
+        });
         return Err(RunError::BadInput(format!(
-            "checkpoint {}: its policy has layers {found:?}, and the network of the run {wanted:?}; start from a policy \
-             of that shape, or train one of this shape: --set 'network.hidden=[{}]'",
-            shown(path),
-            hidden.join(",")
+            "checkpoint {}: its policy has {found}, and that of the run {wanted}; start from a policy of that shape, or \
+             train one of this shape{how}",
+            shown(path)
         )));
     }
     let mut copy = Checkpoint::default();
@@ -92,10 +96,13 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
     if trainer.agent_mut().start_from(&policy) {
         Ok(copy)
     } else {
-        Err(RunError::BadInput(format!(
-            "checkpoint {}: its weights become infinite under the run's `observation_divisors`",
-            shown(path)
-        )))
+        let why = match policy {
+            Policy::Network(_) => "its weights become infinite under the run's `observation_divisors`",
+            Policy::Table(_) => {
+                "its table has other edges than that of the run; give the run its `table.bins`"
+            }
+        };
+        Err(RunError::BadInput(format!("checkpoint {}: {why}", shown(path))))
     }
 }
 
@@ -193,8 +200,8 @@ fn has_ended(reason: EndReason, steps: u64, episodes: u64) -> String {
 }
 
 /// What a resumed run may change besides its budget.
-fn schedules(config: &Config) -> (crate::nn::OptimizerConfig, Exploration) {
-    (config.dqn.optimizer, config.dqn.exploration)
+fn schedules(config: &Config) -> (LearningRate, Exploration) {
+    (config.agent.learning_rate(), config.agent.exploration())
 }
 
 /// What the user should know of schedules that end, or have ended, before the run does. That ε stays at its last value is
@@ -202,19 +209,19 @@ fn schedules(config: &Config) -> (crate::nn::OptimizerConfig, Exploration) {
 fn schedules_that_have_ended(config: &Config, env_steps: u64, is_extended: bool) -> Vec<String> {
     let end = if let Budget::Steps(steps) = config.budget { steps } else { env_steps };
     let mut notes = Vec::new();
-    if let Some(schedule) = config.dqn.optimizer.schedule
+    let (LearningRate { learning_rate, schedule }, exploration) = schedules(config);
+    if let Some(schedule) = schedule
         && (schedule.steps <= env_steps || schedule.steps < end)
     {
         let rate = schedule.final_learning_rate;
-        let effect = if rate > 0.0 { "" } else { ", with which the network learns nothing" };
+        let effect = if rate > 0.0 { "" } else { ", with which the agent learns nothing" };
         notes.push(format!(
             "the schedule of the learning rate ends at step {}: from there on the rate is {rate}{effect}. To stretch it, \
-             add --set optimizer.schedule.steps={end}; --set optimizer.schedule=null keeps the rate at {}",
-            schedule.steps,
-            config.dqn.optimizer.learning_rate
+             add --set optimizer.schedule.steps={end}; --set optimizer.schedule=null keeps the rate at {learning_rate}",
+            schedule.steps
         ));
     }
-    if let Exploration::Linear { final_, steps, .. } = config.dqn.exploration
+    if let Exploration::Linear { final_, steps, .. } = exploration
         && is_extended
         && steps <= env_steps
     {
@@ -245,7 +252,7 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
 /// What makes two configs different runs: not the budget, and not the schedules, which a resumed run may change.
 fn other_run(recorded: &Config, given: &Config) -> Option<String> {
     let are_linear =
-        [recorded, given].map(|config| matches!(config.dqn.exploration, Exploration::Linear { .. }));
+        [recorded, given].map(|config| matches!(config.agent.exploration(), Exploration::Linear { .. }));
     let comparable = |config: &Config| {
         let mut value = json!(config);
         value["budget"] = Value::Null;

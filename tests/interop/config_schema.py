@@ -33,9 +33,11 @@ def boundaries(schema):
             if schema["type"] == "number":
                 yield from (value * (1 + 1e-12), value * (1 - 1e-12))
     if schema.get("type") == "array":
-        for size in (schema.get("minItems", 0), schema.get("maxItems", 4)):
-            for item in boundaries(schema["items"]):
-                yield from ([item] * size, [item] * (size + 1))
+        largest = schema.get("maxItems", 4)
+        for item in boundaries(schema["items"]):
+            # A long list of long numbers would be too large a file.
+            sizes = (0, 1, largest, largest + 1) if largest <= 16 or item == 0.5 else (0, 1)
+            yield from ([item] * size for size in sizes)
     for alternative in schema.get("anyOf", []):
         if alternative.get("type") != "object":
             yield from boundaries(alternative)
@@ -69,6 +71,8 @@ def variants(schema):
         for value in boundaries(leaf):
             yield with_value({}, path, value)
             yield with_value(ROOM, path, value)
+            if path[0] == "table":
+                yield with_value({"agent": "q_table"}, path, value)
             for name in shapes.get(path[0], []):
                 key = "schedule" if path[0] == "exploration" else "kind"
                 yield with_value({path[0]: {key: name}}, path, value)
@@ -92,7 +96,7 @@ def binds_several_keys(message):
         words in message
         for words in (
             "GiB of memory", "at most `replay.capacity`", "at most `exploration.initial`", "or nothing is learned", '"target" only if',
-            "observation coordinates",
+            "observation coordinates", "belongs to the agent", "that ascend", "below `table.high`", "fewer cells",
         )
     )
 

@@ -33,11 +33,12 @@ def snippets():
 
 
 class Folder:
-    """A folder with a default run in runs/mine."""
+    """A folder with a default run in runs/mine, and a run of a table in runs/table."""
 
     def __init__(self, binary, path):
         self.binary, self.path = Path(binary).resolve(), Path(path)
         self.program("train", "--quiet", "--out", "runs/mine")
+        self.program("train", "--quiet", "--config", DOCUMENT.parents[1] / "configs/q_table.json", "--out", "runs/table")
 
     def program(self, *arguments):
         return subprocess.run([self.binary, *arguments], cwd=self.path, check=True, capture_output=True, text=True).stdout
@@ -56,9 +57,9 @@ class Folder:
         return x
 
 
-def prints_the_mean(episodes):
+def prints_the_mean(episodes, run="runs/mine"):
     def check(folder, printed):
-        mean = folder.mean("runs/mine", episodes)
+        mean = folder.mean(run, episodes)
         require(abs(float(printed) - mean) < 5, f"mean return {printed}, eval's is {mean}")
         return f"mean return {float(printed)}, eval's is {mean}"
 
@@ -84,6 +85,7 @@ def leaves_a_policy(least_mean):
 # Name -> whether it needs PyTorch, and what must have come of it.
 CHECKS = {
     "numpy": (False, prints_the_mean("10")),
+    "table": (False, prints_the_mean("10", "runs/table")),
     "torch": (True, prints_the_q_values),
     "sb3": (True, prints_the_mean("100")),
     "cleanrl": (True, prints_the_q_values),

@@ -38,6 +38,7 @@ fn the_default_is_the_documented_plain_dqn() {
         "seed": 0,
         "environment": "CartPole-v1",
         "max_episode_steps": null,
+        "agent": "dqn",
         "network": {"hidden": [24, 24], "init": "torch"},
         "optimizer": {
             "learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8,
@@ -137,11 +138,11 @@ fn a_later_layer_wins() {
     let file =
         r#"{"$schema": "https://example.org/config.json", "gamma": 0.9, "replay": {"batch_size": 16}}"#;
     let config = merged(file, &["gamma=0.8", "gamma=0.7", "network.hidden=[8,4]", "environment=CartPole-v1"]);
-    assert_eq!(config.dqn.gamma, 0.7);
-    assert_eq!(config.dqn.replay.batch_size, 16);
-    assert_eq!(config.dqn.replay.capacity, 50_000);
-    assert_eq!(config.dqn.network.hidden, [8, 4]);
-    assert_eq!(merged(file, &[r#"replay={"batch_size":8}"#]).dqn.replay.batch_size, 8);
+    assert_eq!(config.agent.as_dqn().unwrap().gamma, 0.7);
+    assert_eq!(config.agent.as_dqn().unwrap().replay.batch_size, 16);
+    assert_eq!(config.agent.as_dqn().unwrap().replay.capacity, 50_000);
+    assert_eq!(config.agent.as_dqn().unwrap().network.hidden, [8, 4]);
+    assert_eq!(merged(file, &[r#"replay={"batch_size":8}"#]).agent.as_dqn().unwrap().replay.batch_size, 8);
     assert_eq!(merged("\u{feff}{\"seed\": 3}", &[]).seed, 3);
 }
 
@@ -149,8 +150,11 @@ fn a_later_layer_wins() {
 fn a_whole_number_may_be_written_as_a_float() {
     let config =
         merged(r#"{"budget": {"steps": 3e4}, "network": {"hidden": [16.0]}, "gamma": 1}"#, &["seed=5.0"]);
-    assert_eq!((config.budget, config.seed, config.dqn.gamma), (Budget::Steps(30_000), 5, 1.0));
-    assert_eq!(config.dqn.network.hidden, [16]);
+    assert_eq!(
+        (config.budget, config.seed, config.agent.as_dqn().unwrap().gamma),
+        (Budget::Steps(30_000), 5, 1.0)
+    );
+    assert_eq!(config.agent.as_dqn().unwrap().network.hidden, [16]);
 }
 
 #[test]
@@ -163,7 +167,7 @@ fn one_alternative_replaces_the_other() {
         Budget::Episodes(10)
     );
 
-    let target = |file, sets: &[&str]| merged(file, sets).dqn.target;
+    let target = |file, sets: &[&str]| merged(file, sets).agent.as_dqn().unwrap().target;
     assert_eq!(target(per_episodes, &[]), TargetUpdate::EveryEpisodes(10));
     assert_eq!(target(per_episodes, &["target.kind=hard"]), TargetUpdate::EveryEpisodes(10));
     assert_eq!(target(per_episodes, &["target.every_steps=500"]), TargetUpdate::EverySteps(500));
@@ -178,7 +182,7 @@ fn one_alternative_replaces_the_other() {
 
 #[test]
 fn a_changed_schedule_keeps_what_the_two_share() {
-    let exploration = |file, sets: &[&str]| merged(file, sets).dqn.exploration;
+    let exploration = |file, sets: &[&str]| merged(file, sets).agent.exploration();
     let linear = r#"{"exploration": {"schedule": "linear", "initial": 0.9, "steps": 77}}"#;
     assert_eq!(
         exploration(linear, &["exploration.schedule=per_episode"]),
@@ -202,7 +206,7 @@ fn a_changed_schedule_keeps_what_the_two_share() {
 #[test]
 fn the_schedule_of_the_learning_rate_can_be_null() {
     let schedule = |file, sets: &[&str]| {
-        let schedule = merged(file, sets).dqn.optimizer.schedule;
+        let schedule = merged(file, sets).agent.learning_rate().schedule;
         schedule.map(|schedule| (schedule.final_learning_rate, schedule.steps))
     };
     let file = r#"{"optimizer": {"schedule": {"final_learning_rate": 1e-4, "steps": 77}}}"#;
@@ -272,7 +276,11 @@ fn keys_that_are_unknown_or_come_twice_are_refused() {
     refused(
         r#"{"zzz": 1}"#,
         &[],
-        &["unknown key `zzz`", "`seed`, `environment`, `max_episode_steps`, `network`", "`stop_when_solved`"],
+        &[
+            "unknown key `zzz`",
+            "`seed`, `environment`, `max_episode_steps`, `agent`, `network`",
+            "`stop_when_solved`",
+        ],
     );
     refused(
         r#"{"replay": {"zzz": 1}}"#,
@@ -466,5 +474,8 @@ fn the_sets_of_a_layer_have_no_order() {
     let forward = merged(file, &sets);
     let backward: Vec<&str> = sets.into_iter().rev().collect();
     assert_eq!(merged(file, &backward), forward);
-    assert_eq!(serde_json::to_value(forward.dqn.target).unwrap()["every_episodes"], Value::from(4));
+    assert_eq!(
+        serde_json::to_value(forward.agent.as_dqn().unwrap().target).unwrap()["every_episodes"],
+        Value::from(4)
+    );
 }

@@ -126,7 +126,8 @@ fn load(bytes: &[u8]) {
     let Ok(checkpoint) = Checkpoint::from_bytes(bytes) else { return };
     let _ = checkpoint.tensors.network(4, 2);
     let Ok(Header { mut config, progress: Some(progress), .. }) = checkpoint.header() else { return };
-    let takes_long = config.evaluation.episodes > 100 || config.dqn.learn.updates > 100;
+    let takes_long =
+        config.evaluation.episodes > 100 || config.agent.as_dqn().is_some_and(|dqn| dqn.learn.updates > 100);
     if takes_long || config.check_memory(1).is_err() {
         return;
     }

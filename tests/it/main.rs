@@ -24,6 +24,7 @@ mod kernels;
 mod mirror;
 #[cfg(unix)]
 mod program;
+mod q_table;
 mod replay;
 mod report;
 mod report_html;

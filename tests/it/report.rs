@@ -547,7 +547,7 @@ fn a_study_of_negative_returns_ranks_and_draws_them() {
     };
     let mut configs = vec![config("gamma=0.99"), config("gamma=0.9"), config("gamma=0.5")];
     // Diverges at once.
-    configs[1].config.dqn.optimizer.learning_rate = 1e38;
+    configs[1].config.agent.as_dqn_mut().unwrap().optimizer.learning_rate = 1e38;
     let study = Study::new(configs, 0..10, false);
     let folder = StudyDir::open(&sandbox.path("s"), &study).unwrap();
     let make = |_: &Config| TwoStates::make();

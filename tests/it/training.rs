@@ -49,7 +49,7 @@ fn trainer(config: &Config) -> Trainer {
 }
 
 fn network(policy: &Policy) -> &cartpole_dqn::nn::Mlp<f32> {
-    policy.network()
+    policy.network().unwrap()
 }
 
 #[test]
@@ -79,7 +79,8 @@ fn every_kind_of_target_and_update_learns_it_too() {
     ] {
         let mut config = config(&[&SMALL, extra].concat());
         // The observations of this environment have another size than the config's.
-        config.dqn.observation_divisors = Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
+        config.agent.as_dqn_mut().unwrap().observation_divisors =
+            Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
         let mut trainer = two_states(&config);
         trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
         assert_eq!(trainer.progress().best_evaluation.unwrap().mean, 0.0, "{extra:?}");
@@ -112,7 +113,7 @@ fn a_run_that_diverges_names_the_step() {
     let sets = ["optimizer.learning_rate=1", "optimizer.beta1=0", "optimizer.beta2=0", "gamma=1"];
     let extra = ["exploration.final=1", "target={\"kind\":\"none\"}", "optimizer.epsilon=1e-30"];
     let mut config = config(&[&sets[..], &extra].concat());
-    config.dqn.optimizer.learning_rate = 1e30;
+    config.agent.as_dqn_mut().unwrap().optimizer.learning_rate = 1e30;
     let mut trainer = trainer(&config);
     let error = trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap_err();
     let TrainError::Diverged { env_steps, .. } = error else { panic!("{error}") };
@@ -145,7 +146,7 @@ fn the_tutorials_schedules_are_followed() {
         "target.every_episodes=10",
         "exploration={\"schedule\":\"per_episode\",\"initial\":1,\"final\":0.9,\"decay\":0.99}",
     ]);
-    let mut agent = Dqn::new(config.dqn, 4, 2, None, 0);
+    let mut agent = Dqn::new(config.agent.into_dqn().unwrap(), 4, 2, None, 0);
     let mut epsilon = 1.0;
     for episode in 0..25 {
         agent.online.parameters_mut()[0] = episode as f32 + 100.0;
@@ -161,7 +162,7 @@ fn the_tutorials_schedules_are_followed() {
 /// An agent that has seen 40 steps of CartPole.
 fn experienced(sets: &[&str]) -> Dqn {
     let small = ["network.hidden=[6]", "replay.batch_size=8", "replay.warmup_steps=8"];
-    let mut agent = Dqn::new(config(&[&small, sets].concat()).dqn, 4, 2, None, 3);
+    let mut agent = Dqn::new(config(&[&small, sets].concat()).agent.into_dqn().unwrap(), 4, 2, None, 3);
     random_steps(40, |observation, action, next_observation, outcome| {
         agent.observe(Transition {
             observation: &observation,
@@ -247,7 +248,7 @@ fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
     for observation in plain.observations.chunks_exact(4) {
         assert_eq!(scaled.act(observation), policy.act(observation));
     }
-    assert_ne!(*scaled.policy().network(), scaled.online);
+    assert_ne!(*scaled.policy().network().unwrap(), scaled.online);
 }
 
 #[test]
@@ -257,7 +258,7 @@ fn the_policy_is_made_of_the_chosen_weights() {
         let mut agent = experienced(&[soft, weights]);
         agent.learn().unwrap();
         let expected = if of_target { &agent.target } else { &agent.online };
-        assert_eq!(agent.policy().network(), expected);
+        assert_eq!(agent.policy().network().unwrap(), expected);
     }
     let sets =
         [soft, "policy_weights=target", "budget.steps=300", "replay.warmup_steps=100", "network.hidden=[8]"];
@@ -275,7 +276,7 @@ fn the_policy_is_made_of_the_chosen_weights() {
 fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
     for (truncation_is_terminal, expected) in [(false, false), (true, true)] {
         let set = format!("truncation_is_terminal={truncation_is_terminal}");
-        let mut agent = Dqn::new(config(&[&set]).dqn, 1, 2, None, 0);
+        let mut agent = Dqn::new(config(&[&set]).agent.into_dqn().unwrap(), 1, 2, None, 0);
         let (observation, next_observation) = ([0.0], [1.0]);
         agent.observe(Transition {
             observation: &observation,
@@ -294,7 +295,7 @@ fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
 
 #[test]
 fn explores_with_probability_epsilon() {
-    let mut agent = Dqn::new(config(&["exploration.final=1"]).dqn, 4, 2, None, 0);
+    let mut agent = Dqn::new(config(&["exploration.final=1"]).agent.into_dqn().unwrap(), 4, 2, None, 0);
     let acts = |agent: &mut Dqn| (0..4000).filter(|_| agent.act(&[0.1, 0.2, 0.3, 0.4]) == 0).count();
     agent.exploration.epsilon = 0.0;
     let greedy = acts(&mut agent);
@@ -449,7 +450,13 @@ fn episodes_in_lockstep_are_the_episodes_one_by_one() {
 
 #[test]
 fn statistics_of_a_network_of_zeros_are_known() {
-    let mut agent = Dqn::new(config(&["network.hidden=[5]", "reward_scale=0.5"]).dqn, 4, 2, None, 0);
+    let mut agent = Dqn::new(
+        config(&["network.hidden=[5]", "reward_scale=0.5"]).agent.into_dqn().unwrap(),
+        4,
+        2,
+        None,
+        0,
+    );
     agent.online.parameters_mut().fill(0.0);
     agent.target.copy_from(&agent.online.clone());
     for step in 0..20 {
@@ -668,7 +675,10 @@ impl Agent for Recording {
 fn an_agent_acts_observes_learns_and_ends_its_episode_before_it_is_evaluated() {
     let config = config(&[&SMALL[..], &["evaluation.every_steps=10", "budget.steps=51"]].concat());
     let calls = std::sync::Arc::default();
-    let agent = Recording(std::sync::Arc::clone(&calls), Dqn::new(config.dqn.clone(), 2, 3, None, 0));
+    let agent = Recording(
+        std::sync::Arc::clone(&calls),
+        Dqn::new(config.agent.clone().into_dqn().unwrap(), 2, 3, None, 0),
+    );
     let mut trainer = Trainer::new(config.trainer(), |_| Box::new(agent), TwoStates::make()).unwrap();
     (0..11).for_each(|_| trainer.step(&mut Vec::<Event>::new()).unwrap());
     let step = ["act", "observe", "learn"];

@@ -71,21 +71,34 @@ function show(runs) {
   let image = null;
   const opacity = share => 0.08 + 0.92 * Math.min(share, 1);
 
+  // The visits of a table's cells, as an image too.
+  let visitsImage = null;
+
+  // One pixel for each point of the map.
+  function rendered(pixel) {
+    const { size } = policy.map;
+    const rendered = document.createElement('canvas');
+    rendered.width = rendered.height = size;
+    const drawing = rendered.getContext('2d');
+    const pixels = drawing.createImageData(size, size);
+    for (let i = 0; i < size * size; i++) {
+      // The first row is the smallest value, at the bottom.
+      pixels.data.set(pixel(i), 4 * ((size - 1 - Math.floor(i / size)) * size + (i % size)));
+    }
+    drawing.putImageData(pixels, 0, 0);
+    return rendered;
+  }
+
   function renderMap() {
-    const { size, best, gap } = policy.map;
+    const { best, gap, table } = policy.map;
     // The gap at which a colour is full: that of 95 % of the map.
     const full = [...gap].sort((a, b) => a - b)[Math.floor(0.95 * (gap.length - 1))] || 1;
-    image = document.createElement('canvas');
-    image.width = image.height = size;
-    const drawing = image.getContext('2d');
-    const pixels = drawing.createImageData(size, size);
     const colours = policy.actions.map((_, action) => colour(action).split(',').map(Number));
-    best.forEach((action, i) => {
-      // The first row is the smallest value, at the bottom.
-      const pixel = 4 * ((size - 1 - Math.floor(i / size)) * size + (i % size));
-      pixels.data.set([...colours[action], 255 * opacity(gap[i] / full)], pixel);
-    });
-    drawing.putImageData(pixels, 0, 0);
+    image = rendered(i => [...colours[best[i]], 255 * opacity(gap[i] / full)]);
+    if (!table) return;
+    const most = Math.log1p(Math.max(...table.visits)) || 1;
+    const ink = style('--right').split(',').map(Number);
+    visitsImage = rendered(i => [...ink, 255 * Math.log1p(table.visits[i]) / most]);
   }
 
   const MARGIN = { left: 58, right: 8, top: 8, bottom: 38 };
@@ -135,13 +148,36 @@ function show(runs) {
     drawing.stroke();
   }
 
+  // The edges of a table's cells.
+  function drawEdges(drawing, width, height) {
+    const { axes: [horizontal, vertical], table: { edges: [xs, ys] } } = policy.map;
+    drawing.strokeStyle = style('--muted');
+    drawing.lineWidth = 0.5;
+    drawing.beginPath();
+    for (const x of xs) {
+      drawing.moveTo(...mapPlace(x, vertical.low, width, height));
+      drawing.lineTo(...mapPlace(x, vertical.high, width, height));
+    }
+    for (const y of ys) {
+      drawing.moveTo(...mapPlace(horizontal.low, y, width, height));
+      drawing.lineTo(...mapPlace(horizontal.high, y, width, height));
+    }
+    drawing.stroke();
+  }
+
   function drawMap() {
     if (!policy.map) return;
-    const { drawing, width, height } = context(element('map'));
+    if (!image) renderMap();
+    drawPlane('map', image);
+    if (policy.map.table) drawPlane('visits', visitsImage);
+  }
+
+  function drawPlane(id, image) {
+    const { drawing, width, height } = context(element(id));
     const [horizontal, vertical] = policy.map.axes;
     const [left, top] = mapPlace(horizontal.low, vertical.high, width, height);
     const [right, bottom] = mapPlace(horizontal.high, vertical.low, width, height);
-    if (!image) renderMap();
+    drawing.imageSmoothingEnabled = !policy.map.table;
     drawing.drawImage(image, left, top, right - left, bottom - top);
     drawing.font = '12px system-ui, sans-serif';
     drawing.fillStyle = style('--muted');
@@ -170,6 +206,7 @@ function show(runs) {
     drawing.beginPath();
     drawing.rect(left, top, right - left, bottom - top);
     drawing.clip();
+    if (policy.map.table) drawEdges(drawing, width, height);
     drawTrail(drawing, width, height);
     drawing.restore();
   }
@@ -231,6 +268,7 @@ function show(runs) {
     element('source').textContent =
       `${run.name}: ${policy.checkpoint}${when}. The episode is the one from seed ${policy.episode.seed}, the first that eval plays.`;
     element('plane').hidden = element('plane-note').hidden = !policy.map;
+    element('visited').hidden = !policy.map?.table;
     element('value').textContent = 'Point at the map to read its values.';
     drawColours();
     draw();
