@@ -10,6 +10,7 @@ mod flags;
 mod inspect;
 mod layers;
 mod output;
+mod plan;
 mod policy;
 mod render;
 mod report;
@@ -18,6 +19,7 @@ mod signals;
 mod study;
 mod train;
 mod ui;
+mod variations;
 mod verify;
 mod watch;
 

@@ -3,6 +3,7 @@
 use super::statistics::Estimate;
 use super::summary::ConfigReport;
 use super::svg::{Plot, Shape};
+use super::{Content, whole};
 use crate::env::Spec;
 use crate::run::names::PLOTS;
 use crate::trainer::Evaluation;
@@ -21,8 +22,8 @@ pub(super) const STUDY: [(&str, Draw); 4] = [
 ];
 
 /// The files of a study's plots: name and content.
-pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, String)> {
-    STUDY.iter().map(|(name, draw)| (*name, draw(configs, Shape::FILE).finish())).collect()
+pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, Content)> {
+    STUDY.iter().map(|(name, draw)| (*name, whole(draw(configs, Shape::FILE).finish()))).collect()
 }
 
 /// The returns that a plot of these tasks shows, with some air above.
@@ -51,7 +52,7 @@ pub(super) fn run(
     task: &Spec,
     evaluations: &[Evaluation],
     training: &[(f64, f64)],
-) -> Vec<(&'static str, String)> {
+) -> Vec<(&'static str, Content)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
     let mut plot = returns(Shape::FILE, &format!("Learning curve of {name}"), task, end);
@@ -61,7 +62,7 @@ pub(super) fn run(
         plot.line(series, points);
         plot.legend(series, text);
     }
-    vec![(PLOTS[4], plot.finish())]
+    vec![(PLOTS[4], whole(plot.finish()))]
 }
 
 /// An empty plot of returns over environment steps.
