@@ -1,6 +1,9 @@
 //! What the configs of a study came to over their seeds: types and numbers.
 
+use std::num::NonZero;
 use std::ops::Range;
+use std::panic::resume_unwind;
+use std::thread;
 
 use serde::Serialize;
 
@@ -230,8 +233,21 @@ fn profile(task: &Spec, scores: &Sample) -> Vec<ProfilePoint> {
 }
 
 fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[Outcome]) -> Vec<CurvePoint> {
-    let at = |step| sorted(outcomes.iter().map(|outcome| outcome.value_at(step, task)));
-    grid.iter().map(|&env_steps| CurvePoint { env_steps, iqm: Estimate::of(&at(env_steps), iqm) }).collect()
+    let point = |&env_steps: &u64| {
+        let sample = sorted(outcomes.iter().map(|outcome| outcome.value_at(env_steps, task)));
+        CurvePoint { env_steps, iqm: Estimate::of(&sample, iqm) }
+    };
+    // Most of a report's time: each part of the points has a thread.
+    let threads = thread::available_parallelism().map_or(1, NonZero::get);
+    let parts = grid.chunks(grid.len().div_ceil(threads).max(1));
+    thread::scope(|scope| {
+        let threads: Vec<_> =
+            parts.map(|part| scope.spawn(move || part.iter().map(point).collect::<Vec<_>>())).collect();
+        threads
+            .into_iter()
+            .flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
+            .collect()
+    })
 }
 
 pub(super) fn compare(config: &ConfigReport, first: &ConfigReport) -> Comparison {

@@ -67,6 +67,9 @@ timeout 120 sh -c "until squeue --noheader --states R --array --job $job --forma
 second=$(squeue --noheader --states R --array --job "$job" --format %K | grep -v "^$first\$" | head -n 1)
 scontrol requeue "${job}_$second"
 timeout 400 sh -c "while squeue --noheader --job $job 2>/dev/null | grep -q .; do sleep 1; done" || fail 'the array does not end'
+for task in "$first" "$second"; do
+    scontrol show job "${job}_$task" | grep -q 'Restarts=1' || fail "task $task was not requeued"
+done
 "$binary" study slurm --status
 "$binary" study one --quiet
 for study in slurm one; do "$binary" report "$study" --out "$study-report" --json >/dev/null; done

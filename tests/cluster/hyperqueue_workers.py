@@ -1,6 +1,6 @@
 """A study on a HyperQueue with two workers, of which one task is killed; the report must be that of one process.
 
-    pip install hyperqueue==0.27.0 && python tests/cluster/hyperqueue.py --binary target/release/cartpole-dqn
+    pip install hyperqueue==0.27.0 && python tests/cluster/hyperqueue_workers.py --binary target/release/cartpole-dqn
 
 The package on PyPI has the server and the workers, and not the program `hq`. So the tasks are submitted from Python, with the
 script and the variable of `hq submit --array`.
