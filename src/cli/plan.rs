@@ -25,26 +25,23 @@ pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> Str
     let shards = (core_seconds / SHARD_SECONDS).ceil().clamp(1.0, MAX_SHARDS.min(total as f64));
     let (last, least) = (shards - 1.0, if is_whole { "about" } else { "more than" });
     let hours = |seconds: f64| format!("{:.2}", seconds / 3600.0);
-    let study = format!("{} study {}", program(), shell_word(&path.to_string_lossy()));
-    let shard = |index: &str| format!("{study} --shard {index}/{shards} --jobs 1 --quiet");
+    let path = shell_word(&path.to_string_lossy());
+    let study = visible(&format!("{} study {path}", program()));
     format!(
-        "study      {}\n\
+        "study      {path}\n\
          trials     {total}: configs {}, seeds {}\n\
          estimate   {least} {seconds:.2} s a trial on one core, {} core hours in all, by the first trial\n\
          shards     {shards}, each {least} {} hours on one core\n\n\
-         Slurm         sbatch --array=0-{last} --requeue --wrap {}\n\
-         HyperQueue    hq submit --array 0-{last} sh -c {}\n\
-         GNU parallel  seq 0 {last} | parallel {}\n\
-         one machine   {study}\n\
-         progress      {study} --status\n",
-        visible(&path.to_string_lossy()),
+         By one of these, with the scripts of this program's repository:\n\
+         Slurm         sbatch --array=0-{last} scripts/cluster/slurm.sbatch {path} {shards}\n\
+         HyperQueue    hq submit --array 0-{last} scripts/cluster/hyperqueue.sh {path} {shards}\n\
+         GNU parallel  scripts/cluster/parallel.sh {path} {shards}\n\
+         this machine  {study}\n\n\
+         progress   {study} --status\n",
         folder.study().configs.len(),
         folder.study().seeds.end - folder.study().seeds.start,
         hours(core_seconds),
         hours(core_seconds / shards),
-        shell_word(&shard("$SLURM_ARRAY_TASK_ID")),
-        shell_word(&shard("$HQ_TASK_ID")),
-        shell_word(&shard("{}")),
     )
 }
 

@@ -58,7 +58,7 @@ fn a_plan_says_what_the_study_costs_and_how_clusters_run_it() {
         " core hours in all",
         "sbatch --array=0-",
         "hq submit --array 0-",
-        "| parallel '",
+        "parallel.sh s ",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
