@@ -17,13 +17,11 @@ use super::ui::{Failure, cannot_write, check_out, note, print, shell_word};
 use super::variations::{Variations, configs};
 use crate::env::Spec;
 use crate::report;
-use crate::study::{NamedConfig, Shard, Study, StudyDir, StudyError, Trial};
+use crate::study::{MAX_SEEDS, NamedConfig, Shard, Study, StudyDir, StudyError, Trial};
 use crate::text::{visible, wrapped};
 
 /// Shortest time between two plain lines of progress.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
-/// Most seeds of a study, so that a slip of the keyboard does not fill the memory.
-const MAX_SEEDS: u64 = 1_000_000;
 
 /// Train every combination of config, variation and seed.
 ///

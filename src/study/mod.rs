@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 use crate::text::shown;
 
-pub use plan::{FORMAT_VERSION, NamedConfig, Shard, Study};
+pub use plan::{FORMAT_VERSION, MAX_SEEDS, NamedConfig, Shard, Study};
 pub use store::{Finished, StudyDir};
 pub use trial::{ENDURANCE_STEPS, PolicyScore, SCORE_EPISODES, Trial};
 

@@ -1,5 +1,6 @@
 //! The plan of a study: which configs are trained with which seeds. Its file is `study.json`.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::ops::Range;
@@ -19,6 +20,8 @@ use crate::run::names::MANIFEST;
 
 /// Version of the files of a study.
 pub const FORMAT_VERSION: u32 = 2;
+/// Most seeds of a study, so that a slip of the keyboard does not fill the memory.
+pub const MAX_SEEDS: u64 = 1_000_000;
 /// Largest `study.json` that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 26;
 
@@ -116,10 +119,33 @@ impl Study {
         let bad = |problem| StudyError::Folder { path: folder.into(), problem };
         let manifest = read_manifest(folder).map_err(bad)?;
         let study: Self = serde_json::from_value(manifest).map_err(|error| bad(not_a_study(&error)))?;
-        if study.configs.is_empty() {
-            return Err(bad(not_a_study(&"it has no config")));
+        let names: BTreeSet<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
+        if names.is_empty() || names.len() < study.configs.len() {
+            return Err(bad(not_a_study(&"it has no config, or two of one name")));
+        }
+        let Range { start, end } = study.seeds;
+        if end.checked_sub(start).is_none_or(|seeds| seeds > MAX_SEEDS) {
+            return Err(bad(not_a_study(&format!(
+                "its seeds are {start}..{end}; at most {MAX_SEEDS} in ascending order are allowed"
+            ))));
         }
         Ok(study)
+    }
+
+    /// Whether this program can go on with a study that was read.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let (version, own) = (&self.version, env!("CARGO_PKG_VERSION"));
+        if version != own {
+            return Err(format!(
+                "holds a study of version {version}, and this is version {own}, which may train with other bits; use that \
+                 version, or begin the study again elsewhere"
+            ));
+        }
+        for NamedConfig { name, config, .. } in &self.configs {
+            Config::from_layers(Some((name, &json!(config).to_string())), &[])
+                .map_err(|error| format!("has a {MANIFEST} with a config that is not allowed: {error}"))?;
+        }
+        Ok(())
     }
 
     /// Writes the plan into the directory of a new study, or of the same study, which may have had fewer seeds.

@@ -82,17 +82,9 @@ impl StudyDir {
     /// When there is none, or another version of this program began it.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
         let study_dir = Self::open_to_read(path)?;
-        match &study_dir.study.version {
-            version if version == env!("CARGO_PKG_VERSION") => Ok(study_dir),
-            version => Err(StudyError::Folder {
-                path: path.into(),
-                problem: format!(
-                    "holds a study of version {version}, and this is version {}, which may train with other bits; use that \
-                     version, or begin the study again elsewhere",
-                    env!("CARGO_PKG_VERSION")
-                ),
-            }),
-        }
+        let bad = |problem| StudyError::Folder { path: path.into(), problem };
+        study_dir.study.check().map_err(bad)?;
+        Ok(study_dir)
     }
 
     /// Opens the directory of a study of any version.
@@ -188,7 +180,11 @@ impl<'a> Reader<'a> {
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
         let path = &self.files[file];
         let unreadable = |source| StudyError::Unreadable { path: path.clone(), source };
-        let opened = open_ordinary(File::options().read(true), path).map_err(unreadable)?;
+        let opened = match open_ordinary(File::options().read(true), path) {
+            // A process that had nothing to write has removed its file.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            opened => opened.map_err(unreadable)?,
+        };
         let mut reader = BufReader::with_capacity(BUFFER, opened);
         let (mut line, mut place) = (Vec::new(), 0);
         for number in 1.. {

@@ -81,11 +81,6 @@ impl PolicyScore {
         let endured = endurance.then_some(endured as u64);
         Ok(Self { env_steps, mean, std, min, median, max, endured })
     }
-
-    /// Whether the policy lasts in every episode; none where the study does not ask.
-    pub fn endures(&self) -> Option<bool> {
-        self.endured.map(|endured| endured == SCORE_EPISODES)
-    }
 }
 
 /// What an interrupted trial has besides the tensors of its run: the header of its checkpoint.

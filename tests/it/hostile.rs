@@ -272,6 +272,7 @@ fn commands_on_mutated_folders_work_or_refuse() {
         decides(&sandbox.run(&["eval", "--checkpoint", "run", "--episodes", "1"]));
         decides(&sandbox.run(&["report", "run", "--json"]));
         decides(&sandbox.run(&["report", "study", "--json"]));
+        decides(&sandbox.run(&["study", "study", "--status"]));
         decides(&sandbox.run(&["train", "--quiet", "--resume", "run", "--set", "budget.steps=201"]));
         decides(&sandbox.run(&study));
         for (file, valid) in files.iter().zip(&valid) {

@@ -168,6 +168,24 @@ fn a_study_of_another_version_is_reported_and_not_continued() {
 }
 
 #[test]
+fn a_plan_that_somebody_has_changed_is_checked_before_it_is_run() {
+    let sandbox = Sandbox::new();
+    plan(&sandbox, "s", "0..2");
+    let manifest = sandbox.json("s/study.json");
+    let refuses = |pointer: &str, value: serde_json::Value, words: &[&str]| {
+        let mut changed = manifest.clone();
+        *changed.pointer_mut(pointer).unwrap() = value;
+        sandbox.write("s/study.json", changed.to_string());
+        sandbox.refuses(&["study", "s"], &[&["directory s", "study.json"], words].concat());
+    };
+    refuses("/configs/1/config/gamma", json!(5), &["not allowed", "`gamma`", "from 0 to 1"]);
+    refuses("/configs/1/name", manifest["configs"][0]["name"].clone(), &["two of one name"]);
+    refuses("/seeds/end", json!(u64::MAX), &["at most 1000000"]);
+    refuses("/seeds/start", json!(3), &["3..2", "ascending"]);
+    refuses("/configs", json!([]), &["no config"]);
+}
+
+#[test]
 fn trials_beyond_the_seeds_of_the_study_are_ignored_and_counted() {
     let sandbox = Sandbox::new();
     plan(&sandbox, "large", "0..4");
