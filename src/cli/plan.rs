@@ -22,7 +22,7 @@ pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> Str
     let total = folder.study().total();
     let (seconds, is_whole) = time_first_trial(folder, stop);
     let core_seconds = seconds * total as f64;
-    let shards = (core_seconds / SHARD_SECONDS).ceil().clamp(1.0, MAX_SHARDS.min(total as f64));
+    let shards = (core_seconds / SHARD_SECONDS).ceil().min(total as f64).clamp(1.0, MAX_SHARDS);
     let (last, least) = (shards - 1.0, if is_whole { "about" } else { "more than" });
     let hours = |seconds: f64| format!("{:.2}", seconds / 3600.0);
     let path = shell_word(&path.to_string_lossy());

@@ -53,7 +53,8 @@ impl StudyDir {
                 let sender = sender.clone();
                 scope.spawn(|| {
                     let sender = sender;
-                    while !failed.load(Ordering::Relaxed)
+                    let is_over = || failed.load(Ordering::Relaxed) || stop.load(Ordering::Relaxed);
+                    while !is_over()
                         && let Some(&number) = trials.get(next.fetch_add(1, Ordering::Relaxed))
                         && let Some(trial) = self.run_trial(number, make, stop)
                         && sender.send((number, trial)).is_ok()

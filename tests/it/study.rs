@@ -202,6 +202,8 @@ fn a_signal_ends_a_study_which_says_how_to_resume_it() {
         while files_of_trials(&sandbox, "s").is_empty() {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
+        // The trials begin after that.
+        std::thread::sleep(std::time::Duration::from_millis(300));
         let id = child.id().to_string();
         assert!(std::process::Command::new("kill").args([signal, &id]).status().unwrap().success());
         let output = child.wait_with_output().unwrap();
