@@ -26,7 +26,8 @@ run("study", "--config", ROOT / "configs/cartpole.json", "--seeds", f"0..{argume
     "--out", study, "--quiet")
 run("report", study)
 
-trials = [json.loads(path.read_text()) for path in (study / "trials/0").glob("*.json")]
+lines = {line for path in (study / "trials").glob("*.jsonl") for line in path.read_text().splitlines()}
+trials = [json.loads(line) for line in lines]
 trials.sort(key=lambda trial: trial["seed"])
 with open(HERE / "default/seeds.csv", "w", newline="") as file:
     rows = csv.writer(file, lineterminator="\n")

@@ -11,6 +11,7 @@ mod inspect;
 mod layers;
 mod output;
 mod permission;
+mod plan;
 mod policy;
 mod render;
 mod report;
@@ -19,6 +20,7 @@ mod signals;
 mod study;
 mod train;
 mod ui;
+mod variations;
 mod verify;
 mod watch;
 

@@ -70,6 +70,23 @@ impl Programs {
         self.0.push((given, config.environment.clone()));
         Ok(())
     }
+
+    /// As [`AllowCommand::permit`], for one environment of many.
+    pub(super) fn permit(
+        &mut self,
+        allow: AllowCommand,
+        environment: &mut EnvironmentConfig,
+        file: &str,
+    ) -> Result<(), String> {
+        let given = environment.clone();
+        if let Some((_, allowed)) = self.0.iter().find(|(other, _)| *other == given) {
+            *environment = allowed.clone();
+            return Ok(());
+        }
+        allow.permit(environment, file, false)?;
+        self.0.push((given, environment.clone()));
+        Ok(())
+    }
 }
 
 /// Shows a line of the standard error of a program.

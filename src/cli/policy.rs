@@ -1,6 +1,7 @@
 //! The policy that a command plays or describes: what the user typed, or the newest run.
 
-use std::io::{self, IsTerminal, Read};
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -12,7 +13,7 @@ use super::ui::{Failure, note};
 use crate::config::EnvironmentConfig;
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{Environment, Spec};
-use crate::files::read_text_limited;
+use crate::files::open_ordinary;
 use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, SavedPolicy, checkpoint_of};
 use crate::study::Trial;
 use crate::tensors::TensorError;
@@ -22,7 +23,7 @@ use crate::text::shown;
 pub(super) const STANDARD: &str = "-";
 /// The environment where nothing says another one.
 pub(super) const DEFAULT_ENVIRONMENT: EnvironmentId = EnvironmentId::CartPoleV1;
-/// Largest file that could be a study's trial, in bytes.
+/// Longest line that could be a study's trial, in bytes.
 const MAX_TRIAL: u64 = 1 << 26;
 
 /// Where a command finds its policy.
@@ -77,7 +78,7 @@ impl Place {
         let file = checkpoint_of(&place)?;
         let checkpoint = Checkpoint::read(&file).map_err(|error| match is_trial(&error) {
             true => Failure::BadInput(format!(
-                "{} is a trial of a study: it keeps scores and no policy. To get the policy, train its config with its \
+                "{} holds trials of a study: it keeps scores and no policy. To get the policy, train its config with its \
                  seed again: cartpole-dqn train --config FILE --seed N",
                 shown(&file)
             )),
@@ -160,6 +161,10 @@ impl Found {
 }
 
 fn is_trial(error: &CheckpointError) -> bool {
-    let trial = || serde_json::from_str::<Trial>(&read_text_limited(&error.path, MAX_TRIAL).ok()?).ok();
+    let trial = || {
+        let (mut first, file) = (String::new(), open_ordinary(File::options().read(true), &error.path).ok()?);
+        BufReader::new(file.take(MAX_TRIAL)).read_line(&mut first).ok()?;
+        serde_json::from_str::<Trial>(&first).ok()
+    };
     matches!(error.problem, CheckpointProblem::NotSafetensors(_)) && trial().is_some()
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::output::Output;
-use super::ui::{Failure, cannot_write, print, print_json};
+use super::ui::{Failure, cannot_write, note, print, print_json};
 use crate::files::{write_json, write_whole};
 use crate::report::{self, Report, ReportError};
 use crate::run::names::REPORT;
@@ -47,6 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::BadInput("several directories need --html FILE; without it give one".into()));
     };
     let report = Report::of(folder)?;
+    report.notes.iter().for_each(|text| note(text));
     let out = arguments.out.as_ref().unwrap_or(folder);
     for name in [REPORT].into_iter().chain(report.files.iter().map(|(name, _)| *name)) {
         let path = &out.join(name);
@@ -68,8 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut written = vec![REPORT];
     for (name, content) in &report.files {
         let path = out.join(name);
-        write_whole(&path, |file| file.write_all(content.as_bytes()))
-            .map_err(|error| cannot_write(&path, &error, "; choose another --out"))?;
+        write_whole(&path, content).map_err(|error| cannot_write(&path, &error, "; choose another --out"))?;
         written.push(name);
     }
     if arguments.json {

@@ -106,6 +106,21 @@ impl Signals {
         });
     }
 
+    /// Does after this time what SIGTERM does.
+    ///
+    /// # Errors
+    /// When the system has no thread to wait.
+    pub(super) fn stop_after(&self, time: Duration) -> Result<(), Failure> {
+        let (stop, exit_code) = (Arc::clone(&self.stop), Arc::clone(&self.exit_code));
+        let wait = move || {
+            thread::sleep(time);
+            exit_code.store(TERMINATED, Ordering::Relaxed);
+            stop.store(true, Ordering::Release);
+        };
+        let waiting = thread::Builder::new().name("time limit".into()).spawn(wait).map(drop);
+        waiting.map_err(|error| Failure::Failed(format!("cannot wait for --time-limit: {error}")))
+    }
+
     /// The exit code of a process that a signal has stopped.
     pub(super) fn exit_code(&self) -> u8 {
         code(&self.exit_code)

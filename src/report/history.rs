@@ -45,17 +45,14 @@ pub fn collapses<'a>(
     evaluations.windows(2).filter(move |pair| is_lost(&pair[0], &pair[1])).map(|pair| (pair[0], pair[1]))
 }
 
-/// The mean returns at the steps of `grid`: of the latest evaluation until then. After its last evaluation, as before its
-/// first, a run that failed is worth the lowest return of its task. One that ended early keeps its last policy.
-pub fn on_grid(evaluations: &[Evaluation], failed: bool, task: &Spec, grid: &[u64]) -> Vec<f64> {
-    let lowest = task.return_range.0;
-    let end = evaluations.last().map_or(0, |last| last.env_steps);
-    let value = |&step: &u64| match evaluations.partition_point(|evaluation| evaluation.env_steps <= step) {
-        0 => lowest,
-        _ if failed && step > end => lowest,
-        count => evaluations[count - 1].mean,
-    };
-    grid.iter().map(value).collect()
+/// The mean return at a step: of the latest of the evaluations at `steps` until then. After its last evaluation, as before
+/// its first, a run that failed is worth the lowest return of its task. One that ended early keeps its last policy.
+pub fn value_at(step: u64, steps: &[u64], means: &[f64], failed: bool, task: &Spec) -> f64 {
+    match steps.partition_point(|&evaluated| evaluated <= step) {
+        0 => task.return_range.0,
+        count if failed && count == steps.len() && step > steps[count - 1] => task.return_range.0,
+        count => means[count - 1],
+    }
 }
 
 /// Area under a curve by trapezoids over its width: the mean return during training.

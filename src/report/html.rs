@@ -92,13 +92,13 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
 }
 
 fn study_page(folder: &Path) -> Result<String, ReportError> {
-    let Study { configs, report, .. } = Study::read(folder)?;
+    let Study { configs, report, notes, .. } = Study::read(folder)?;
     let mut result = String::new();
     for Table { title, rows } in text::tables(&report) {
         let _ = writeln!(result, "<p>{}</p>", escaped(&title));
         result += &table(&rows, 2);
     }
-    for remark in text::remarks(&report) {
+    for remark in text::remarks(&report).into_iter().chain(notes) {
         let _ = writeln!(result, "<p class=\"note\">{}</p>", escaped(&remark));
     }
     let mut sections = section("Result", &result);

@@ -3,20 +3,21 @@
 mod events;
 pub mod history;
 mod html;
+mod outcome;
 mod panels;
 mod plots;
 mod portrait;
 mod ranking;
 mod run;
+mod sample;
 pub mod statistics;
 mod study;
 mod summary;
 mod svg;
 mod text;
 
-use std::fmt::Write;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::io::{self, Write};
+use std::path::Path;
 
 use serde_json::Value;
 
@@ -25,6 +26,7 @@ pub use study::standing;
 
 use crate::files::read_text_limited;
 use crate::run::names::{MANIFEST, METRICS};
+use crate::study::StudyError;
 use crate::text::visible;
 use crate::trainer::Evaluation;
 
@@ -38,28 +40,29 @@ pub const FORMAT_VERSION: u32 = 1;
 /// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 30;
 
+/// Writes the content of a file. That of a large study would fill the memory.
+pub type Content = Box<dyn Fn(&mut dyn Write) -> io::Result<()>>;
+
 /// A finished report.
-#[derive(Clone, Debug)]
 pub struct Report {
     /// For people.
     pub text: String,
     /// `report.json`.
     pub json: Value,
     /// The other files: name and content.
-    pub files: Vec<(&'static str, String)>,
+    pub files: Vec<(&'static str, Content)>,
+    /// What of the files it left out.
+    pub notes: Vec<String>,
 }
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {problem}", visible(&path.to_string_lossy()))]
-pub struct ReportError {
-    path: PathBuf,
-    problem: String,
-}
+#[error("{0}")]
+pub struct ReportError(String);
 
 impl ReportError {
     fn new(path: &Path, problem: impl ToString) -> Self {
-        Self { path: path.into(), problem: problem.to_string() }
+        Self(format!("{}: {}", visible(&path.to_string_lossy()), problem.to_string()))
     }
 
     fn unreadable(path: &Path, error: &io::Error) -> Self {
@@ -122,16 +125,29 @@ fn parse<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ReportError> 
 }
 
 /// `evaluations.csv`: one row per evaluation.
-fn csv<'a>(runs: impl Iterator<Item = (&'a str, u64, &'a [Evaluation])>) -> String {
-    let mut text = String::from(CSV_START);
+fn csv<'a>(
+    file: &mut dyn Write,
+    runs: impl Iterator<Item = (&'a str, u64, Vec<Evaluation>)>,
+) -> io::Result<()> {
+    write!(file, "{CSV_START}")?;
     for (config, seed, evaluations) in runs {
         let config = quoted(config);
         for Evaluation { env_steps, mean } in evaluations {
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "{config},{seed},{env_steps},{mean}");
+            writeln!(file, "{config},{seed},{env_steps},{mean}")?;
         }
     }
-    text
+    Ok(())
+}
+
+/// A content that is there already.
+fn whole(text: String) -> Content {
+    Box::new(move |file| file.write_all(text.as_bytes()))
+}
+
+impl From<StudyError> for ReportError {
+    fn from(error: StudyError) -> Self {
+        Self(error.to_string())
+    }
 }
 
 /// A field of CSV (RFC 4180).

@@ -3,6 +3,7 @@
 use super::statistics::Estimate;
 use super::summary::ConfigReport;
 use super::svg::{Plot, Shape};
+use super::{Content, whole};
 use crate::env::Spec;
 use crate::run::names::PLOTS;
 use crate::trainer::Evaluation;
@@ -21,8 +22,8 @@ pub(super) const STUDY: [(&str, Draw); 4] = [
 ];
 
 /// The files of a study's plots: name and content.
-pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, String)> {
-    STUDY.iter().map(|(name, draw)| (*name, draw(configs, Shape::FILE).finish())).collect()
+pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, Content)> {
+    STUDY.iter().map(|(name, draw)| (*name, whole(draw(configs, Shape::FILE).finish()))).collect()
 }
 
 /// The returns that a plot of these tasks shows, with some air above.
@@ -51,7 +52,7 @@ pub(super) fn run(
     task: &Spec,
     evaluations: &[Evaluation],
     training: &[(f64, f64)],
-) -> Vec<(&'static str, String)> {
+) -> Vec<(&'static str, Content)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
     let mut plot = returns(Shape::FILE, &format!("Learning curve of {name}"), task, end);
@@ -61,7 +62,7 @@ pub(super) fn run(
         plot.line(series, points);
         plot.legend(series, text);
     }
-    vec![(PLOTS[4], plot.finish())]
+    vec![(PLOTS[4], whole(plot.finish()))]
 }
 
 /// An empty plot of returns over environment steps.
@@ -144,6 +145,12 @@ fn steps_to_solve(configs: &[ConfigReport], shape: Shape) -> Plot {
         let mut points = vec![(0.0, 0.0)];
         points.extend(solved.map(|(i, &step)| (step as f64, (i + 1) as f64 / seeds)));
         points.push((end, config.steps_to_solve.solved.len() as f64 / seeds));
+        // One point a step, the last: a million seeds would otherwise be a picture of 20 MB.
+        points.dedup_by(|next, kept| {
+            let is_same_step = next.0 == kept.0;
+            kept.1 = if is_same_step { next.1 } else { kept.1 };
+            is_same_step
+        });
         plot.steps(series, &points);
     }
     legend(&mut plot, configs);

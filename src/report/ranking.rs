@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
+use super::outcome::{Group, Outcome, Score};
 use super::statistics::{Estimate, iqm, mean, shown, sorted};
 use crate::env::Spec;
-use crate::study::{PolicyScore, Trial};
 use crate::text::{legend, table, visible};
 
 /// Most reasons that are printed.
@@ -33,18 +33,19 @@ pub(super) struct Failures {
 }
 
 /// A policy's mean return; the lowest of the task where a failed run left no policy.
-pub(super) fn score(policy: Option<&PolicyScore>, task: &Spec) -> f64 {
+pub(super) fn score(policy: Option<&Score>, task: &Spec) -> f64 {
     policy.map_or(task.return_range.0, |policy| policy.mean)
 }
 
 impl Ranked {
-    pub(super) fn of(name: &str, task: &Spec, trials: &[Trial]) -> Self {
-        let finals = sorted(trials.iter().map(|trial| score(trial.final_.as_ref(), task)));
+    pub(super) fn of(Group { name, task, outcomes }: &Group) -> Self {
+        let scores = || outcomes.iter().map(|outcome| score(outcome.final_.as_ref(), task));
+        let finals = sorted(scores());
         Self {
-            name: name.into(),
-            seeds: trials.len(),
-            failed: trials.iter().filter(|trial| trial.error.is_some()).count(),
-            solved: finals.iter().filter(|&&score| task.is_solved_by(score)).count(),
+            name: name.clone(),
+            seeds: outcomes.len(),
+            failed: outcomes.iter().filter(|outcome| outcome.error.is_some()).count(),
+            solved: scores().filter(|&score| task.is_solved_by(score)).count(),
             iqm: Estimate::of(&finals, iqm),
             mean: mean(&finals),
         }
@@ -83,16 +84,18 @@ pub(super) fn rows<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Vec<Vec<Stri
 pub(super) const HEADING: &str = "Mean return of the final policies over the seeds, the best config first:";
 
 /// Why trials failed, the most frequent reason first. Reasons that differ in their numbers alone are one.
-pub(super) fn failures<'a>(trials: impl Iterator<Item = &'a Trial>) -> Vec<Failures> {
+pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
     let mut kinds: Vec<(String, Failures)> = Vec::new();
-    for trial in trials {
-        let Some(reason) = &trial.error else { continue };
+    let outcomes =
+        groups.iter().flat_map(|group| group.outcomes.iter().map(|outcome| (&group.name, outcome)));
+    for (config, Outcome { seed, error, .. }) in outcomes {
+        let Some(reason) = error else { continue };
         let kind = reason.replace(|c: char| c.is_ascii_digit(), "");
         match kinds.iter_mut().find(|(known, _)| *known == kind) {
             Some((_, failures)) => failures.trials += 1,
             None => {
-                let (reason, config) = (reason.clone(), trial.config.clone());
-                kinds.push((kind, Failures { trials: 1, reason, config, seed: trial.seed }));
+                let (reason, config) = (reason.to_string(), config.clone());
+                kinds.push((kind, Failures { trials: 1, reason, config, seed: *seed }));
             }
         }
     }

@@ -1,5 +1,6 @@
 //! The report of one run: what happened and when, each statement with its numbers.
 
+use std::io;
 use std::path::{Component, Path, PathBuf};
 
 use serde::Serialize;
@@ -156,11 +157,14 @@ pub(super) fn names(folders: &[PathBuf]) -> Result<Vec<String>, ReportError> {
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
     let name = names(&[folder.to_owned()])?.concat();
     let Run { name, task, history, report, .. } = Run::read(folder, name)?;
-    let rows = csv(std::iter::once((name.as_str(), report.seed, &history.evaluations[..])));
-    let mut files = vec![(EVALUATIONS, rows)];
-    files.extend(plots::run(&name, &task, &history.evaluations, &history.training));
+    let mut files = plots::run(&name, &task, &history.evaluations, &history.training);
     let text = report.statements.iter().map(|statement| wrapped(statement, 2)).collect();
-    Ok(Report { text, json: json!(report), files })
+    let (seed, json) = (report.seed, json!(report));
+    let rows = move |file: &mut dyn io::Write| {
+        csv(file, std::iter::once((name.as_str(), seed, history.evaluations.clone())))
+    };
+    files.insert(0, (EVALUATIONS, Box::new(rows)));
+    Ok(Report { text, json, files, notes: Vec::new() })
 }
 
 impl History {

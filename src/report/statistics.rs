@@ -1,10 +1,11 @@
 //! Statistics over training seeds, as pure functions; `docs/statistics.md` has the formulas.
 //!
 //! After Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice", and Patterson et al.
-//! 2024, "Empirical Design in Reinforcement Learning". A sample is one number per seed, **sorted** (see [`sorted`]).
+//! 2024, "Empirical Design in Reinforcement Learning". A [`Sample`] is one number per seed.
 
 use serde::Serialize;
 
+pub use super::sample::{EXACT_SEEDS, Sample, sorted};
 use crate::rng::Rng;
 
 /// Bootstrap resamples per interval.
@@ -32,25 +33,48 @@ impl Estimate {
         Self { value, low: interval.map(|(low, _)| low), high: interval.map(|(_, high)| high) }
     }
 
-    /// A statistic of a sample with its percentile bootstrap interval.
-    pub fn of(sample: &[f64], statistic: impl Fn(&[f64]) -> f64) -> Self {
-        let mut resampled = Vec::new();
+    /// A statistic of a sample with its percentile bootstrap interval; above [`EXACT_SEEDS`] seeds with one of groups.
+    pub fn of(sample: &Sample, statistic: impl Fn(&Sample) -> f64) -> Self {
+        if sample.len() <= EXACT_SEEDS {
+            return Self::exact(sample, statistic);
+        }
+        let grouped = sample.grouped();
+        Self::exact(&grouped, &statistic).moved_to(statistic(sample))
+    }
+
+    /// As [`Self::of`], seed by seed, however many there are.
+    pub fn exact(sample: &Sample, statistic: impl Fn(&Sample) -> f64) -> Self {
+        let mut resampled = Sample::default();
         let interval = bootstrap(sample.len(), |rng| {
-            resample(sample, rng, &mut resampled);
+            sample.resample(rng, &mut resampled);
             statistic(&resampled)
         });
         Self::new(statistic(sample), interval)
     }
 
-    /// A statistic of two independent samples with its percentile bootstrap interval.
-    pub fn of_two(x: &[f64], y: &[f64], statistic: impl Fn(&[f64], &[f64]) -> f64) -> Self {
-        let (mut a, mut b) = (Vec::new(), Vec::new());
+    /// A statistic of two independent samples with its percentile bootstrap interval; as [`Self::of`].
+    pub fn of_two(x: &Sample, y: &Sample, statistic: impl Fn(&Sample, &Sample) -> f64) -> Self {
+        if x.len().max(y.len()) <= EXACT_SEEDS {
+            return Self::exact_of_two(x, y, statistic);
+        }
+        Self::exact_of_two(&x.grouped(), &y.grouped(), &statistic).moved_to(statistic(x, y))
+    }
+
+    /// As [`Self::of_two`], seed by seed, however many there are.
+    pub fn exact_of_two(x: &Sample, y: &Sample, statistic: impl Fn(&Sample, &Sample) -> f64) -> Self {
+        let (mut a, mut b) = (Sample::default(), Sample::default());
         let interval = bootstrap(x.len().min(y.len()), |rng| {
-            resample(x, rng, &mut a);
-            resample(y, rng, &mut b);
+            x.resample(rng, &mut a);
+            y.resample(rng, &mut b);
             statistic(&a, &b)
         });
         Self::new(statistic(x, y), interval)
+    }
+
+    /// The same interval around another value: the groups of a sample have a slightly other one.
+    fn moved_to(self, value: f64) -> Self {
+        let by = value - self.value;
+        Self { value, low: self.low.map(|low| low + by), high: self.high.map(|high| high + by) }
     }
 
     /// The share `count / total` with its Wilson score interval (Wilson 1927).
@@ -60,56 +84,51 @@ impl Estimate {
     }
 }
 
-/// Values in ascending order.
-pub fn sorted(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
-    let mut values: Vec<f64> = values.into_iter().collect();
-    values.sort_by(f64::total_cmp);
-    values
-}
-
 /// Arithmetic mean.
-pub fn mean(sample: &[f64]) -> f64 {
-    sample.iter().sum::<f64>() / sample.len() as f64
+pub fn mean(sample: &Sample) -> f64 {
+    sample.mean_of(0..sample.len())
 }
 
 /// The middle value, or the mean of the two in the middle.
-pub fn median(sample: &[f64]) -> f64 {
-    percentile(sample, 0.5)
+pub fn median(sample: &Sample) -> f64 {
+    let place = 0.5 * (sample.len() - 1) as f64;
+    let (below, above) = (sample.at(place.floor() as usize), sample.at(place.ceil() as usize));
+    below + (above - below) * (place - place.floor())
 }
 
 /// Interquartile mean: that of what is left when ⌊n/4⌋ values go at either end.
-pub fn iqm(sample: &[f64]) -> f64 {
+pub fn iqm(sample: &Sample) -> f64 {
     let cut = sample.len() / 4;
-    mean(&sample[cut..sample.len() - cut])
+    sample.mean_of(cut..sample.len() - cut)
 }
 
 /// Quantile `q` in 0…1 with linear interpolation, as `numpy.percentile` has it.
-pub fn percentile(sample: &[f64], q: f64) -> f64 {
-    let place = q * (sample.len() - 1) as f64;
+fn percentile(sorted: &[f64], q: f64) -> f64 {
+    let place = q * (sorted.len() - 1) as f64;
     let below = place.floor() as usize;
-    let above = (below + 1).min(sample.len() - 1);
-    sample[below] + (sample[above] - sample[below]) * (place - below as f64)
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (sorted[above] - sorted[below]) * (place - below as f64)
 }
 
 /// P(X > Y) + ½ P(X = Y) for one draw from each sample: the Mann–Whitney U of `x` over the number of pairs.
-pub fn probability_of_improvement(x: &[f64], y: &[f64]) -> f64 {
-    let (mut below, mut not_above) = (0, 0);
-    let mut twice_u = 0;
-    for &value in x {
-        while below < y.len() && y[below] < value {
-            below += 1;
+pub fn probability_of_improvement(x: &Sample, y: &Sample) -> f64 {
+    let (mut smaller, mut not_larger) = (y.iter().peekable(), y.iter().peekable());
+    let (mut below, mut not_above, mut twice_u) = (0, 0, 0);
+    for (value, count) in x.iter() {
+        while let Some((_, of_y)) = smaller.next_if(|(other, _)| *other < value) {
+            below += of_y;
         }
-        while not_above < y.len() && y[not_above] <= value {
-            not_above += 1;
+        while let Some((_, of_y)) = not_larger.next_if(|(other, _)| *other <= value) {
+            not_above += of_y;
         }
-        twice_u += below + not_above;
+        twice_u += count * (below + not_above);
     }
     twice_u as f64 / 2.0 / (x.len() * y.len()) as f64
 }
 
 /// Share of values above `tau`: a point of the performance profile.
-pub fn count_above(sample: &[f64], tau: f64) -> usize {
-    sample.len() - sample.partition_point(|&value| value <= tau)
+pub fn count_above(sample: &Sample, tau: f64) -> usize {
+    sample.iter().filter(|&(value, _)| value > tau).map(|(_, count)| count).sum()
 }
 
 /// Wilson's 95 % score interval of a share.
@@ -134,20 +153,9 @@ fn bootstrap(seeds: usize, mut statistic: impl FnMut(&mut Rng) -> f64) -> Option
         return None;
     }
     let mut rng = Rng::from_seed(BOOTSTRAP_SEED);
-    let values = sorted((0..RESAMPLES).map(|_| statistic(&mut rng)));
+    let mut values: Vec<f64> = (0..RESAMPLES).map(|_| statistic(&mut rng)).collect();
+    values.sort_unstable_by(f64::total_cmp);
     Some((percentile(&values, 0.025), percentile(&values, 0.975)))
-}
-
-/// Draws as many values as there are, with replacement; the result is sorted because it is counted out in order.
-fn resample(sample: &[f64], rng: &mut Rng, resampled: &mut Vec<f64>) {
-    let mut counts = vec![0_u32; sample.len()];
-    for _ in sample {
-        counts[rng.below(sample.len() as u64) as usize] += 1;
-    }
-    resampled.clear();
-    for (&value, &count) in sample.iter().zip(&counts) {
-        resampled.extend((0..count).map(|_| value));
-    }
 }
 
 /// `value [low, high]`.

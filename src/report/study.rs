@@ -3,95 +3,76 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use serde_json::{Value, json};
+use serde_json::json;
 
+use super::outcome::{self, Group};
 use super::ranking::{self, Ranked, failure_lines, failures, named_table};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
 use super::summary::{Bootstrap, ConfigReport, StudyReport, compare, config_report};
 use super::text::{describe, footnote};
-use super::{FORMAT_VERSION, Report, ReportError, csv, parse, plots};
-use crate::env::Spec;
-use crate::run::names::{EVALUATIONS, MANIFEST};
-use crate::study::{self, NamedConfig, Trial, finished_seeds, read_trial, trial_path};
+use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
+use crate::run::names::EVALUATIONS;
+use crate::study::{self, NamedConfig, StudyDir};
 use crate::text::wrapped;
+use crate::trainer::Evaluation;
 
 /// Most configs that a note names.
 const MAX_NAMED: usize = 3;
-/// Reads what a study runs.
-pub(super) fn read_manifest(folder: &Path) -> Result<study::Study, ReportError> {
-    let path = folder.join(MANIFEST);
-    let manifest: Value = parse(&path)?;
-    let version = &manifest["format_version"];
-    if *version != study::FORMAT_VERSION {
-        let problem =
-            format!("has format_version {version}, and this program reads {}", study::FORMAT_VERSION);
-        return Err(ReportError::new(&path, problem));
-    }
-    serde_json::from_value(manifest).map_err(|error| ReportError::new(&path, error))
-}
-
 /// A study that has been read and judged.
 pub(super) struct Study {
     pub(super) configs: Vec<NamedConfig>,
-    trials: Vec<Vec<Trial>>,
+    groups: Vec<Group>,
     pub(super) report: StudyReport,
+    /// What of its files is left out.
+    pub(super) notes: Vec<String>,
 }
 
 impl Study {
     pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
-        let manifest = read_manifest(folder)?;
-        let groups = read_trials(folder, &manifest)?;
-        let configs: Vec<ConfigReport> =
-            groups.iter().map(|(task, trials)| config_report(task, trials)).collect();
-        let trials: Vec<Vec<Trial>> = groups.into_iter().map(|(_, trials)| trials).collect();
+        let study_dir = StudyDir::open_to_read(folder)?;
+        let (groups, notes) = read_groups(folder, &study_dir)?;
+        let study = study_dir.study();
+        let configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
         let report = StudyReport {
             format_version: FORMAT_VERSION,
             kind: "study",
             threshold: configs[0].task.solved_return,
-            trials: manifest.seeds.clone().count().saturating_mul(manifest.configs.len()),
-            finished: trials.iter().map(Vec::len).sum(),
+            trials: study.total(),
+            finished: groups.iter().map(|group| group.outcomes.len()).sum(),
             failed: configs.iter().map(|config| config.failed).sum(),
-            failures: failures(trials.iter().flatten()),
+            failures: failures(&groups),
             bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
-            warnings: warnings(&manifest, &configs),
+            warnings: warnings(study, &configs),
             comparisons: configs.iter().skip(1).map(|config| compare(config, &configs[0])).collect(),
-            seeds: manifest.seeds,
+            seeds: study.seeds.clone(),
             configs,
         };
-        Ok(Self { configs: manifest.configs, trials, report })
+        Ok(Self { configs: study.configs.clone(), groups, report, notes })
     }
 }
 
 /// The report of the study in a directory.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
-    let Study { trials, report, .. } = Study::read(folder)?;
-    let runs = trials.iter().flatten();
-    let evaluations = csv(runs.map(|trial| (trial.config.as_str(), trial.seed, &trial.evaluations[..])));
-    let mut files = vec![(EVALUATIONS, evaluations)];
-    files.extend(plots::study(&report.configs));
-    Ok(Report { text: describe(&report), json: json!(report), files })
+    let Study { groups, report, notes, .. } = Study::read(folder)?;
+    let mut files = plots::study(&report.configs);
+    let (text, json) = (describe(&report), json!(report));
+    files.insert(0, (EVALUATIONS, Box::new(move |file| csv(file, runs(&groups)))));
+    Ok(Report { text, json, files, notes })
 }
 
-/// The task and the finished trials of each config that has any, in the order of their seeds.
-pub(super) fn read_trials(
-    folder: &Path,
-    manifest: &study::Study,
-) -> Result<Vec<(Spec, Vec<Trial>)>, ReportError> {
-    let mut groups = Vec::new();
-    for (i, NamedConfig { name, task, .. }) in manifest.configs.iter().enumerate() {
-        let mut trials = Vec::new();
-        let seeds = finished_seeds(folder, i).map_err(|error| ReportError::new(folder, error))?;
-        for seed in seeds.into_iter().filter(|seed| manifest.seeds.contains(seed)) {
-            let trial = read_trial(&trial_path(folder, (i, seed)), name, seed);
-            trials.push(trial.map_err(|error| ReportError::new(folder, error))?);
-        }
-        groups.push((task.clone(), trials));
-    }
-    groups.retain(|(_, trials)| !trials.is_empty());
+/// The trials as [`csv`] takes them.
+fn runs(groups: &[Group]) -> impl Iterator<Item = (&str, u64, Vec<Evaluation>)> {
+    groups.iter().flat_map(|Group { name, outcomes, .. }| {
+        outcomes.iter().map(|outcome| (name.as_str(), outcome.seed, outcome.evaluations()))
+    })
+}
+
+fn read_groups(folder: &Path, study_dir: &StudyDir) -> Result<(Vec<Group>, Vec<String>), ReportError> {
+    let (groups, notes) = outcome::read(study_dir)?;
     if groups.is_empty() {
         return Err(ReportError::new(folder, "no trial is finished yet; run the study's command first"));
     }
-    Ok(groups)
+    Ok((groups, notes))
 }
 
 /// What a reader must know of the numbers: one note for all configs that it is true of.
@@ -126,23 +107,29 @@ fn warnings(manifest: &study::Study, configs: &[ConfigReport]) -> Vec<String> {
     notes.iter().map(sentence).collect()
 }
 
-/// The result of the study in a directory, as it is printed when it ends.
+/// The result of a study, as it is printed when it ends.
 ///
 /// # Errors
-/// When it is no study, nothing has been finished in it, or a file in it is damaged.
-pub fn standing(folder: &Path) -> Result<String, ReportError> {
-    let manifest = read_manifest(folder)?;
-    let groups = read_trials(folder, &manifest)?;
-    let ranked: Vec<Ranked> =
-        groups.iter().map(|(task, trials)| Ranked::of(&trials[0].config, task, trials)).collect();
+/// When nothing has been finished in it, or a file in it is damaged.
+pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
+    let (groups, _) = read_groups(study_dir.path(), study_dir)?;
+    let ranked: Vec<Ranked> = groups.iter().map(Ranked::of).collect();
+    let sum = |of: fn(&Ranked) -> usize| ranked.iter().map(of).sum::<usize>();
+    let trials = sum(|config| config.seeds);
+    let mut text = format!(
+        "trials     {trials}\nsolved     {} by the final policy (mean return {} over eval's 100 episodes)\n\
+         failed     {}\n\n{}\n",
+        sum(|config| config.solved),
+        groups[0].task.goal(),
+        sum(|config| config.failed),
+        ranking::HEADING
+    );
     let order = ranking::order(ranked.iter());
-    let mut text =
-        format!("{}\n{}", ranking::HEADING, named_table(&ranking::rows(order.iter().map(|&i| &ranked[i]))));
-    let trials = groups.iter().flat_map(|(_, trials)| trials);
-    for line in failure_lines(&failures(trials.clone()), trials.count()) {
+    text += &named_table(&ranking::rows(order.iter().map(|&i| &ranked[i])));
+    for line in failure_lines(&failures(&groups), trials) {
         text += &wrapped(&line, 7);
     }
-    text += &wrapped(&footnote(&groups[0].0, ranked.iter().any(|config| config.iqm.low.is_some())), 0);
+    text += &wrapped(&footnote(&groups[0].task, ranked.iter().any(|config| config.iqm.low.is_some())), 0);
     if ranked.iter().any(|config| config.seeds < LEAST_SEEDS) {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "With fewer than {LEAST_SEEDS} seeds there are no 95 % intervals.");

@@ -1,14 +1,17 @@
 //! What the configs of a study came to over their seeds: types and numbers.
 
+use std::num::NonZero;
 use std::ops::Range;
+use std::panic::resume_unwind;
+use std::thread;
 
 use serde::Serialize;
 
 use super::history::{self, Retention};
+use super::outcome::{Group, Outcome, Score};
 use super::ranking::{Failures, score};
-use super::statistics::{self, Estimate, iqm, mean, median, sorted};
+use super::statistics::{self, Estimate, Sample, iqm, mean, median, sorted};
 use crate::env::Spec;
-use crate::study::{PolicyScore, Trial};
 use crate::trainer::Evaluation;
 
 /// The thresholds τ of a performance profile: 0, 5, …, 495 for CartPole.
@@ -22,7 +25,7 @@ pub(super) struct StudyReport {
     /// Of the first config's task.
     pub(super) threshold: Option<f64>,
     pub(super) seeds: Range<u64>,
-    pub(super) trials: usize,
+    pub(super) trials: u64,
     pub(super) finished: usize,
     pub(super) failed: usize,
     pub(super) failures: Vec<Failures>,
@@ -67,7 +70,7 @@ pub(super) struct ConfigReport {
     pub(super) learning_curve: Vec<CurvePoint>,
     /// The sorted final scores, for the comparisons.
     #[serde(skip)]
-    pub(super) scores: Vec<f64>,
+    pub(super) scores: Sample,
 }
 
 /// Quantiles of the environment steps before the first evaluation that solves; null where that is never.
@@ -134,77 +137,76 @@ pub(super) struct Comparison {
     pub(super) iqm_difference: Estimate,
 }
 
-pub(super) fn config_report(task: &Spec, trials: &[Trial]) -> ConfigReport {
-    let finals = sorted(trials.iter().map(|trial| score(trial.final_.as_ref(), task)));
-    let bests = sorted(trials.iter().map(|trial| score(trial.best.as_ref(), task)));
-    let solved = |scores: &[f64]| scores.iter().filter(|&&score| task.is_solved_by(score)).count();
+pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigReport {
+    let finals = sorted(outcomes.iter().map(|outcome| score(outcome.final_.as_ref(), task)));
+    let bests = sorted(outcomes.iter().map(|outcome| score(outcome.best.as_ref(), task)));
+    let solved = |scores: &Sample| scores.iter().filter(|&(score, _)| task.is_solved_by(score)).count();
     let (final_solved, best_solved) = (solved(&finals), solved(&bests));
-    let longest = trials.iter().max_by_key(|trial| trial.evaluations.last().map(|last| last.env_steps));
-    let grid: Vec<u64> =
-        longest.into_iter().flat_map(|trial| &trial.evaluations).map(|e| e.env_steps).collect();
-    let curves: Vec<Vec<f64>> = trials
-        .iter()
-        .map(|trial| history::on_grid(&trial.evaluations, trial.error.is_some(), task, &grid))
-        .collect();
-    let areas = sorted(curves.iter().map(|curve| history::area_under_curve(&grid, curve)));
+    let longest = outcomes.iter().max_by_key(|outcome| outcome.steps.last());
+    let grid: &[u64] = longest.map_or(&[], |outcome| &outcome.steps);
+    let curve = |outcome: &Outcome| grid.iter().map(|&step| outcome.value_at(step, task)).collect::<Vec<_>>();
+    let areas = sorted(outcomes.iter().map(|outcome| history::area_under_curve(grid, &curve(outcome))));
     ConfigReport {
-        name: trials[0].config.clone(),
+        name: name.clone(),
         task: task.clone(),
-        seeds: trials.len(),
-        failed: trials.iter().filter(|trial| trial.error.is_some()).count(),
+        seeds: outcomes.len(),
+        failed: outcomes.iter().filter(|outcome| outcome.error.is_some()).count(),
         final_solved,
         best_solved,
-        final_solved_share: Estimate::share(final_solved, trials.len()),
-        best_solved_share: Estimate::share(best_solved, trials.len()),
+        final_solved_share: Estimate::share(final_solved, outcomes.len()),
+        best_solved_share: Estimate::share(best_solved, outcomes.len()),
         final_iqm: Estimate::of(&finals, iqm),
         final_median: Estimate::of(&finals, median),
         final_mean: Estimate::of(&finals, mean),
         best_iqm: Estimate::of(&bests, iqm),
         best_mean: Estimate::of(&bests, mean),
         area_under_curve: Estimate::of(&areas, iqm),
-        steps_to_solve: steps_to_solve(task, trials),
-        retention: retention(task, trials),
-        endurance: endurance(trials),
+        steps_to_solve: steps_to_solve(task, outcomes),
+        retention: retention(task, outcomes),
+        endurance: endurance(outcomes),
         performance_profile: profile(task, &finals),
-        learning_curve: learning_curve(&grid, &curves),
+        learning_curve: learning_curve(task, grid, outcomes),
         scores: finals,
     }
 }
 
-fn steps_to_solve(task: &Spec, trials: &[Trial]) -> StepsToSolve {
-    let mut solved: Vec<u64> =
-        trials.iter().filter_map(|trial| history::steps_to_solve(&trial.evaluations, task)).collect();
+fn steps_to_solve(task: &Spec, outcomes: &[Outcome]) -> StepsToSolve {
+    let steps = |outcome: &Outcome| history::steps_to_solve(&outcome.evaluations(), task);
+    let mut solved: Vec<u64> = outcomes.iter().filter_map(steps).collect();
     solved.sort_unstable();
-    let quantile = |q| statistics::censored_quantile(&solved, trials.len(), q);
+    let quantile = |q| statistics::censored_quantile(&solved, outcomes.len(), q);
     StepsToSolve {
         q10: quantile(0.1),
         q25: quantile(0.25),
         q50: quantile(0.5),
         q75: quantile(0.75),
         q90: quantile(0.9),
-        never: trials.len() - solved.len(),
+        never: outcomes.len() - solved.len(),
         solved,
     }
 }
 
-fn endurance(trials: &[Trial]) -> Option<Endurance> {
-    let was_asked = |score: &Option<PolicyScore>| score.as_ref().is_some_and(|score| score.endured.is_some());
-    let count = |of: fn(&Trial) -> Option<&PolicyScore>| {
-        trials.iter().filter(|trial| of(trial).and_then(PolicyScore::endures) == Some(true)).count()
+fn endurance(outcomes: &[Outcome]) -> Option<Endurance> {
+    let endures = |of: fn(&Outcome) -> Option<&Score>| {
+        outcomes.iter().filter_map(move |outcome| of(outcome).and_then(Score::endures))
     };
-    let (final_, best) = (count(|trial| trial.final_.as_ref()), count(|trial| trial.best.as_ref()));
-    trials.iter().any(|trial| was_asked(&trial.final_) || was_asked(&trial.best)).then(|| Endurance {
+    let (finals, bests) =
+        (|| endures(|outcome| outcome.final_.as_ref()), || endures(|outcome| outcome.best.as_ref()));
+    finals().chain(bests()).next()?;
+    let (final_, best) =
+        (finals().filter(|&endures| endures).count(), bests().filter(|&endures| endures).count());
+    Some(Endurance {
         final_,
         best,
-        final_share: Estimate::share(final_, trials.len()),
-        best_share: Estimate::share(best, trials.len()),
+        final_share: Estimate::share(final_, outcomes.len()),
+        best_share: Estimate::share(best, outcomes.len()),
     })
 }
 
-fn retention(task: &Spec, trials: &[Trial]) -> ConfigRetention {
-    let kept: Vec<(u64, Retention)> = trials
+fn retention(task: &Spec, outcomes: &[Outcome]) -> ConfigRetention {
+    let kept: Vec<(u64, Retention)> = outcomes
         .iter()
-        .filter_map(|trial| Some((trial.seed, history::retention(&trial.evaluations, task)?)))
+        .filter_map(|outcome| Some((outcome.seed, history::retention(&outcome.evaluations(), task)?)))
         .collect();
     let shares: Vec<f64> = kept
         .iter()
@@ -214,7 +216,7 @@ fn retention(task: &Spec, trials: &[Trial]) -> ConfigRetention {
     let worst = kept.iter().filter_map(|(seed, kept)| Some((*seed, kept.worst?)));
     let worst = worst.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean));
     ConfigRetention {
-        share: (!shares.is_empty()).then(|| mean(&shares)),
+        share: (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / shares.len() as f64),
         seeds: shares.len(),
         worst: worst.map(|(seed, Evaluation { env_steps, mean })| Worst { seed, env_steps, mean }),
         collapses: kept.iter().map(|(_, kept)| kept.collapses).sum(),
@@ -222,7 +224,7 @@ fn retention(task: &Spec, trials: &[Trial]) -> ConfigRetention {
     }
 }
 
-fn profile(task: &Spec, scores: &[f64]) -> Vec<ProfilePoint> {
+fn profile(task: &Spec, scores: &Sample) -> Vec<ProfilePoint> {
     let (low, high) = task.return_range;
     let step = (high - low) / f64::from(PROFILE_POINTS);
     let taus = (0..PROFILE_POINTS).map(|i| low + f64::from(i) * step);
@@ -230,10 +232,22 @@ fn profile(task: &Spec, scores: &[f64]) -> Vec<ProfilePoint> {
     taus.map(|tau| ProfilePoint { tau, share: share(tau) }).collect()
 }
 
-fn learning_curve(grid: &[u64], curves: &[Vec<f64>]) -> Vec<CurvePoint> {
-    let at = |i: usize| sorted(curves.iter().map(|curve| curve[i]));
-    let point = |(i, &env_steps)| CurvePoint { env_steps, iqm: Estimate::of(&at(i), iqm) };
-    grid.iter().enumerate().map(point).collect()
+fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[Outcome]) -> Vec<CurvePoint> {
+    let point = |&env_steps: &u64| {
+        let sample = sorted(outcomes.iter().map(|outcome| outcome.value_at(env_steps, task)));
+        CurvePoint { env_steps, iqm: Estimate::of(&sample, iqm) }
+    };
+    // Most of a report's time: each part of the points has a thread.
+    let threads = thread::available_parallelism().map_or(1, NonZero::get);
+    let parts = grid.chunks(grid.len().div_ceil(threads).max(1));
+    thread::scope(|scope| {
+        let threads: Vec<_> =
+            parts.map(|part| scope.spawn(move || part.iter().map(point).collect::<Vec<_>>())).collect();
+        threads
+            .into_iter()
+            .flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
+            .collect()
+    })
 }
 
 pub(super) fn compare(config: &ConfigReport, first: &ConfigReport) -> Comparison {

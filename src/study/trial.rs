@@ -1,6 +1,8 @@
 //! One trial: a config trained with a seed, and what became of it.
 
+use std::fs;
 use std::io;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -9,9 +11,11 @@ use serde_json::{Value, json};
 
 use super::NamedConfig;
 use crate::agent::Policy;
+use crate::config::Config;
 use crate::env::{EnvironmentError, Make, Spec};
+use crate::run::Checkpoint;
 use crate::trainer::{
-    EndReason, Evaluation, Event, Observer, SCORE_SEED, Score, TrainError, Trainer, evaluate,
+    EndReason, Evaluation, Event, Observer, Progress, SCORE_SEED, Score, TrainError, Trainer, evaluate,
 };
 
 /// Episodes that score a policy, as many as `eval` plays.
@@ -19,7 +23,8 @@ pub const SCORE_EPISODES: u64 = 100;
 /// Steps that a policy must last in a study of endurance: 400 s, in which a cart that drifts has left the track.
 pub const ENDURANCE_STEPS: u32 = 20_000;
 
-/// The file of a trial. It holds no wall-clock values, so that equal trials are equal files.
+/// The line of a trial. It holds no wall-clock values, so that equal trials are equal lines. Its key comes first, so that
+/// readers who need no more find it fast.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     /// Name of the config.
@@ -76,20 +81,26 @@ impl PolicyScore {
         let endured = endurance.then_some(endured as u64);
         Ok(Self { env_steps, mean, std, min, median, max, endured })
     }
+}
 
-    /// Whether the policy lasts in every episode; none where the study does not ask.
-    pub fn endures(&self) -> Option<bool> {
-        self.endured.map(|endured| endured == SCORE_EPISODES)
-    }
+/// What an interrupted trial has besides the tensors of its run: the header of its checkpoint.
+#[derive(Serialize, Deserialize)]
+struct Unfinished {
+    /// The run's config, as JSON: another one has other tensors.
+    settings: Value,
+    progress: Progress,
+    evaluations: Vec<Evaluation>,
 }
 
 impl Trial {
-    /// Trains the config with the seed and scores what it came to; none if `stop` was set before that.
+    /// Trains the config with the seed and scores what it came to. If `stop` is set before that, there is none, and the file
+    /// `unfinished` keeps the run, which the next call resumes. A file that cannot be read or written costs only time.
     pub(super) fn run(
         named: &NamedConfig,
         make: Arc<Make>,
         seed: u64,
         endurance: bool,
+        unfinished: Option<&Path>,
         stop: &AtomicBool,
     ) -> Option<Self> {
         let mut config = named.config.clone();
@@ -103,18 +114,20 @@ impl Trial {
             final_: None,
             evaluations: Vec::new(),
         };
-        match config.make_trainer_in(Arc::clone(&make)).map_err(TrainError::from) {
-            Ok(mut trainer) => {
-                let mut evaluations = Evaluations(Vec::new());
+        let resumed = unfinished.and_then(|path| resume(&config, &make, path));
+        let begun = || Ok((config.make_trainer_in(Arc::clone(&make))?, Evaluations(Vec::new())));
+        match resumed.map_or_else(begun, Ok).map_err(|error: EnvironmentError| error.to_string()) {
+            Ok((mut trainer, mut evaluations)) => {
                 let ended = trainer.run(&mut evaluations, stop);
                 trial.evaluations = evaluations.0;
                 if matches!(ended, Ok(EndReason::Interrupted)) {
+                    let _ = unfinished.map(|path| keep(&trainer, &config, trial.evaluations, path));
                     return None;
                 }
                 let scored = trial.score(&trainer, &*make, ended.as_ref().ok().copied(), endurance);
                 trial.error = ended.err().or(scored.err()).map(|error| error.to_string());
             }
-            Err(error) => trial.error = Some(error.to_string()),
+            Err(error) => trial.error = Some(error),
         }
         Some(trial)
     }
@@ -161,4 +174,22 @@ impl Observer for Evaluations {
         }
         Ok(())
     }
+}
+
+/// Writes a run that was interrupted, to be resumed.
+fn keep(trainer: &Trainer, config: &Config, evaluations: Vec<Evaluation>, path: &Path) -> io::Result<()> {
+    let snapshot = trainer.snapshot();
+    let Some(progress) = snapshot.progress else { return Ok(()) };
+    let mut checkpoint = Checkpoint::new(&Unfinished { settings: json!(config), progress, evaluations })?;
+    checkpoint.tensors = snapshot.tensors;
+    path.parent().map_or(Ok(()), fs::create_dir_all)?;
+    checkpoint.write(path)
+}
+
+/// The run that was interrupted, if its file is there and whole.
+fn resume(config: &Config, make: &Arc<Make>, path: &Path) -> Option<(Trainer, Evaluations)> {
+    let checkpoint = path.exists().then(|| Checkpoint::read(path).ok()).flatten()?;
+    let Unfinished { settings, progress, evaluations } = checkpoint.header().ok()?;
+    let trainer = config.make_trainer_in(Arc::clone(make)).ok().filter(|_| settings == json!(config))?;
+    Some((trainer.resume(progress, &checkpoint.tensors).ok()?, Evaluations(evaluations)))
 }

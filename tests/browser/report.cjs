@@ -40,13 +40,15 @@ function makePages() {
   fs.writeFileSync(file, JSON.stringify({ ...config, loss: HOSTILE_VALUE, [HOSTILE_VALUE]: HOSTILE_NAME }));
   run('study', '--quiet', '--out', 'study', '--seeds', '0..10', '--vary', 'double=false,true', ...small);
   const manifest = path.join(folder, 'study', 'study.json');
-  const trials = path.join(folder, 'study', 'trials', '1');
+  const trials = path.join(folder, 'study', 'trials');
   const study = JSON.parse(fs.readFileSync(manifest));
+  const second = study.configs[1].name;
   study.configs[1].name = HOSTILE_VALUE;
   fs.writeFileSync(manifest, JSON.stringify(study));
   for (const name of fs.readdirSync(trials)) {
-    const trial = JSON.parse(fs.readFileSync(path.join(trials, name)));
-    fs.writeFileSync(path.join(trials, name), JSON.stringify({ ...trial, config: HOSTILE_VALUE }));
+    const lines = fs.readFileSync(path.join(trials, name), 'utf8').trimEnd().split('\n');
+    const named = lines.map((line) => line.replace(JSON.stringify(second), JSON.stringify(HOSTILE_VALUE)));
+    fs.writeFileSync(path.join(trials, name), named.join('\n') + '\n');
   }
   run('report', 'default', '--html', 'default.html');
   run('report', 'one', HOSTILE_NAME, '--html', 'runs.html');

@@ -7,10 +7,12 @@
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +84,15 @@ def leaves_a_policy(least_mean):
     return check
 
 
+def finds_settings(trials, least_mean):
+    def check(_, printed):
+        count, pruned, best, settings = printed.strip().split(" ", 3)
+        require(int(count) == trials and float(best) >= least_mean, f"{count} trials, the best {best}")
+        return f"{count} trials, {pruned} pruned, best {float(best):.1f} with {settings}"
+
+    return check
+
+
 # Name -> whether it needs PyTorch, and what must have come of it.
 CHECKS = {
     "numpy": (False, prints_the_mean("10")),
@@ -92,6 +103,8 @@ CHECKS = {
     # Enough to tell a policy that has learned from one of swapped or shuffled weights, which falls before step 30.
     "from_sb3": (True, leaves_a_policy(100)),
     "from_numpy": (False, leaves_a_policy(100)),
+    "optuna": (False, finds_settings(20, 475)),
+    "optuna_seeds": (False, finds_settings(6, 100)),
 }
 
 
@@ -108,9 +121,12 @@ def main():
             if needs_torch and not arguments.all:
                 print(f"{name}: NOT RUN, it needs PyTorch; --all runs it")
                 continue
-            result = subprocess.run([sys.executable, "-c", code], cwd=path, capture_output=True, text=True)
+            begin = time.monotonic()
+            path_with_program = f"{folder.binary.parent}{os.pathsep}{os.environ['PATH']}"
+            result = subprocess.run([sys.executable, "-c", code], cwd=path, capture_output=True, text=True,
+                                    env=os.environ | {"PATH": path_with_program})
             require(result.returncode == 0, f"{name}: {result.stderr}")
-            print(f"{name}: {check(folder, result.stdout)}")
+            print(f"{name}: {check(folder, result.stdout)} ({time.monotonic() - begin:.1f} s)")
 
 
 if __name__ == "__main__":

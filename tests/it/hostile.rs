@@ -9,7 +9,6 @@ use cartpole_dqn::config::Config;
 use cartpole_dqn::explain::lesson;
 use cartpole_dqn::report::Report;
 use cartpole_dqn::run::{Checkpoint, Header, seal};
-use cartpole_dqn::study::read_trial;
 use cartpole_dqn::trainer::{Budget, Event};
 use predicates::prelude::PredicateBooleanExt as _;
 use proptest::collection::vec;
@@ -17,6 +16,7 @@ use proptest::prelude::*;
 use proptest::sample::{Index, select};
 
 use crate::cli::{Sandbox, TINY, sets};
+use crate::study::trial_file;
 
 /// What is done to a file.
 #[derive(Clone, Debug)]
@@ -230,13 +230,13 @@ fn a_mutated_folder_is_reported_or_refused() {
     let sandbox = Sandbox::with_run();
     let study = [&["study", "--quiet", "--seeds", "0..2", "--out", "study"], &sets(TINY)[..]].concat();
     sandbox.run(&study).success();
-    let files = ["run/config.json", "run/metrics.jsonl", "study/study.json", "study/trials/0/1.json"];
+    let trials = trial_file(&sandbox, "study");
+    let files = ["run/config.json", "run/metrics.jsonl", "study/study.json", &trials];
     let valid = files.map(|file| fs::read(sandbox.path(file)).unwrap());
     proptest!(cases(300), |(i in 0..files.len(), mutations in vec(mutation(), 1..4))| {
         sandbox.write(files[i], mutated(&valid[i], &mutations));
         let _ = Report::of(&sandbox.path("run"));
         let _ = Report::of(&sandbox.path("study"));
-        let _ = read_trial(&sandbox.path("study/trials/0/1.json"), "cartpole", 1);
         sandbox.write(files[i], &valid[i]);
     });
 }
@@ -256,6 +256,7 @@ fn commands_on_mutated_folders_work_or_refuse() {
     let sandbox = Sandbox::with_run();
     let study = [&["study", "--quiet", "--seeds", "0..2", "--out", "study"], &sets(TINY)[..]].concat();
     sandbox.run(&study).success();
+    let trials = trial_file(&sandbox, "study");
     let files = [
         "run/config.json",
         "run/metrics.jsonl",
@@ -263,7 +264,7 @@ fn commands_on_mutated_folders_work_or_refuse() {
         "run/checkpoints/last.safetensors",
         "run/checkpoints/best.safetensors",
         "study/study.json",
-        "study/trials/0/1.json",
+        &trials,
     ];
     let valid = files.map(|file| fs::read(sandbox.path(file)).unwrap());
     proptest!(cases(30), |(i in 0..files.len(), mutations in vec(mutation(), 1..4))| {
@@ -272,6 +273,7 @@ fn commands_on_mutated_folders_work_or_refuse() {
         decides(&sandbox.run(&["eval", "--checkpoint", "run", "--episodes", "1"]));
         decides(&sandbox.run(&["report", "run", "--json"]));
         decides(&sandbox.run(&["report", "study", "--json"]));
+        decides(&sandbox.run(&["study", "study", "--status"]));
         decides(&sandbox.run(&["train", "--quiet", "--resume", "run", "--set", "budget.steps=201"]));
         decides(&sandbox.run(&study));
         for (file, valid) in files.iter().zip(&valid) {

@@ -33,6 +33,8 @@ mod resume;
 #[cfg(unix)]
 mod run_dir;
 #[cfg(unix)]
+mod shards;
+#[cfg(unix)]
 mod signals;
 mod simd;
 mod study;

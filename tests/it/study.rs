@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use assert_cmd::assert::Assert;
 use serde_json::{Value, json};
@@ -23,11 +23,44 @@ pub(crate) fn tree(sandbox: &Sandbox, folder: &str) -> BTreeMap<PathBuf, Option<
     sandbox.files().into_iter().filter_map(|(path, content)| Some((below(path)?, content))).collect()
 }
 
-fn trials(sandbox: &Sandbox, folder: &str) -> usize {
-    tree(sandbox, folder)
-        .keys()
-        .filter(|path| path.starts_with("trials") && path.extension().is_some())
-        .count()
+/// The only file of trials of a study, as the sandbox knows it.
+pub(crate) fn trial_file(sandbox: &Sandbox, folder: &str) -> String {
+    let files: Vec<PathBuf> = tree(sandbox, folder).into_keys().filter(|path| is_of_trials(path)).collect();
+    assert_eq!(files.len(), 1, "{files:?}");
+    format!("{folder}/{}", files[0].display())
+}
+
+fn is_of_trials(path: &Path) -> bool {
+    path.starts_with("trials") && path.extension().is_some()
+}
+
+/// The finished trials of a study, in one order whoever has run them; copies are one.
+pub(crate) fn trial_lines(sandbox: &Sandbox, folder: &str) -> Vec<String> {
+    let files = files_of_trials(sandbox, folder);
+    let mut lines: Vec<String> = files.iter().flat_map(|text| text.lines()).map(String::from).collect();
+    lines.sort();
+    lines.dedup();
+    lines
+}
+
+fn files_of_trials(sandbox: &Sandbox, folder: &str) -> Vec<String> {
+    let files = tree(sandbox, folder).into_iter().filter(|(path, _)| is_of_trials(path));
+    files.map(|(_, content)| String::from_utf8(content.unwrap()).unwrap()).collect()
+}
+
+/// Changes the lines of the only file of trials.
+pub(crate) fn edit_lines(sandbox: &Sandbox, folder: &str, edit: impl FnOnce(&mut Vec<String>)) {
+    let file = trial_file(sandbox, folder);
+    let mut lines: Vec<String> = sandbox.read(&file).lines().map(String::from).collect();
+    edit(&mut lines);
+    sandbox.write(&file, lines.into_iter().map(|line| line + "\n").collect::<String>());
+}
+
+fn trial(sandbox: &Sandbox, folder: &str, config: &str, seed: u64) -> Value {
+    let trials =
+        trial_lines(sandbox, folder).into_iter().map(|line| serde_json::from_str::<Value>(&line).unwrap());
+    let is_it = |trial: &Value| trial["config"] == config && trial["seed"] == seed;
+    trials.into_iter().find(is_it).unwrap()
 }
 
 refusals! {
@@ -81,8 +114,18 @@ refusals! {
     refuses_a_folder_with_something_else:
         [("s/notes.txt", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "not empty", "--out"];
     refuses_a_study_into_a_file: [("s", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "--out"];
+    refuses_a_shard_beyond_the_last: [], ["study", "s", "--shard", "4/4"] => ["'4/4'", "I from 0 to N − 1", "0/4"];
+    refuses_a_shard_of_none: [], ["study", "s", "--shard", "0/0"] => ["'0/0'", "I/N"];
+    refuses_a_shard_that_is_a_number: [], ["study", "s", "--shard", "3"] => ["'3'", "I/N"];
+    refuses_to_go_on_with_what_is_no_study: [("s/notes.txt", b"mine")], ["study", "s"] => ["directory s", "no study.json"];
+    refuses_to_go_on_with_a_study_and_other_seeds: [], ["study", "s", "--seeds", "0..2"] => ["--seeds", "cannot be used"];
+    refuses_the_status_of_what_is_no_study: [], ["study", "s", "--status"] => ["directory s", "no study.json"];
+    refuses_a_time_limit_without_a_unit:
+        [], ["study", "s", "--time-limit", "5"] => ["--time-limit", "'5'"];
+    refuses_a_study_of_the_first_format:
+        [("s/study.json", b"{\"format_version\": 1}")], ["study", "s"] => ["directory s", "format_version 1", "reads 2"];
     refuses_a_manifest_of_something_else:
-        [("s/study.json", b"[1]")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "another study"];
+        [("s/study.json", b"[1]")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "does not describe a study"];
     refuses_a_manifest_that_is_no_json:
         [("s/study.json", b"x")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "study.json", "line 1"];
 }
@@ -92,8 +135,9 @@ fn a_study_does_not_depend_on_jobs() {
     let sandbox = Sandbox::new();
     study(&sandbox, "one", &["--jobs", "1"]).success().stdout("").stderr("");
     study(&sandbox, "two", &["--jobs", "2"]).success();
-    assert_eq!(trials(&sandbox, "one"), 12);
-    assert!(tree(&sandbox, "one") == tree(&sandbox, "two"));
+    assert_eq!(trial_lines(&sandbox, "one").len(), 12);
+    assert_eq!(trial_lines(&sandbox, "one"), trial_lines(&sandbox, "two"));
+    assert_eq!(sandbox.read("one/study.json"), sandbox.read("two/study.json"));
 }
 
 #[test]
@@ -111,22 +155,32 @@ fn a_killed_study_goes_on_where_it_stopped() {
         .args(arguments("killed"))
         .spawn()
         .unwrap();
-    while trials(&sandbox, "killed") < 3 {
+    while files_of_trials(&sandbox, "killed").concat().lines().count() < 3 {
         assert!(child.try_wait().unwrap().is_none(), "the study ended before it could be killed");
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
     child.kill().unwrap();
     child.wait().unwrap();
-    let before = trials(&sandbox, "killed");
-    assert!(before < 200, "the study ended before it was killed");
-    sandbox.write("killed/trials/0/.writing-abc123.tmp", "half a trial");
-    let first = fs::metadata(sandbox.path("killed/trials/0/0.json")).unwrap().modified().unwrap();
-
-    sandbox.run(&arguments("killed")).success();
+    let file = trial_file(&sandbox, "killed");
+    let before = sandbox.read(&file);
+    assert!(before.lines().count() < 200, "the study ended before it was killed");
+    // As a process leaves it that is killed while it writes.
+    sandbox.write(&file, before.clone() + "{\"config\":\"cartpole gam");
+    sandbox.run(&arguments("killed")).success().stderr(predicates::str::contains(format!(
+        "line {} of {file} is not finished and is ignored",
+        before.lines().count() + 1
+    )));
     sandbox.run(&arguments("whole")).success();
-    assert!(tree(&sandbox, "killed") == tree(&sandbox, "whole"));
-    let kept = fs::metadata(sandbox.path("killed/trials/0/0.json")).unwrap().modified().unwrap();
-    assert_eq!(first, kept, "a finished trial ran again");
+    let mut lines = trial_lines(&sandbox, "killed");
+    lines.retain(|line| line.ends_with('}'));
+    assert_eq!(lines, trial_lines(&sandbox, "whole"));
+    assert!(sandbox.read(&file).starts_with(&before), "a file of another process was changed");
+    let all: usize = files_of_trials(&sandbox, "killed").iter().map(|text| text.matches("}\n").count()).sum();
+    assert_eq!(all, 200, "a finished trial ran again");
+    for study in ["killed", "whole"] {
+        sandbox.run(&["report", study]).success();
+    }
+    assert_eq!(sandbox.read("killed/report.json"), sandbox.read("whole/report.json"));
 }
 
 /// The trials in question take hours.
@@ -145,9 +199,11 @@ fn a_signal_ends_a_study_which_says_how_to_resume_it() {
             .stderr(std::process::Stdio::piped())
             .spawn()
             .unwrap();
-        while !sandbox.path("s/trials/0").exists() {
+        while files_of_trials(&sandbox, "s").is_empty() {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
+        // The trials begin after that.
+        std::thread::sleep(std::time::Duration::from_millis(300));
         let id = child.id().to_string();
         assert!(std::process::Command::new("kill").args([signal, &id]).status().unwrap().success());
         let output = child.wait_with_output().unwrap();
@@ -156,9 +212,10 @@ fn a_signal_ends_a_study_which_says_how_to_resume_it() {
         assert!(message.contains("stopped: 0 of 4 trials are finished and kept"), "{message}");
         let command = " study --jobs 2 --out s --seeds 0..4 --set budget.steps=4000000000\n";
         assert!(message.ends_with(command), "{message}");
-        assert_eq!(trials(&sandbox, "s"), 0);
+        assert_eq!(files_of_trials(&sandbox, "s").len(), 0);
         let unfinished = |path: &PathBuf| path.to_string_lossy().contains(".writing-");
         assert!(!tree(&sandbox, "s").keys().any(unfinished));
+        assert!(sandbox.path("s/unfinished/0-0.safetensors").exists());
     }
 }
 
@@ -173,7 +230,8 @@ fn a_study_grows_by_seeds_and_equals_one_that_had_them_from_the_start() {
     run("grown", "0..2");
     run("grown", "0..4");
     run("whole", "0..4");
-    assert!(tree(&sandbox, "grown") == tree(&sandbox, "whole"));
+    assert_eq!(trial_lines(&sandbox, "grown"), trial_lines(&sandbox, "whole"));
+    assert_eq!(sandbox.read("grown/study.json"), sandbox.read("whole/study.json"));
     let fewer = [&["study", "--out", "grown", "--seeds", "0..2"], &sets(TINY)[..]].concat();
     sandbox.refuses(&fewer, &["directory grown", "`seeds.end` is 4", "2 is given"]);
     let others = [&["study", "--out", "grown", "--seeds", "1..5"], &sets(TINY)[..]].concat();
@@ -195,17 +253,6 @@ fn a_changed_study_is_refused_with_the_key() {
         &["`configs.0.config.replay.capacity`", "99 is given"],
     );
     sandbox.refuses(&changed(&["--vary", "double=false,true"]), &["directory s", "2 configs", "4 are given"]);
-}
-
-#[test]
-fn a_study_that_another_process_runs_is_refused() {
-    let sandbox = Sandbox::new();
-    study(&sandbox, "s", &[]).success();
-    let manifest = fs::File::open(sandbox.path("s/study.json")).unwrap();
-    manifest.lock().unwrap();
-    study(&sandbox, "s", &[]).code(2).stdout("").stderr(predicates::str::contains("is in use"));
-    drop(manifest);
-    study(&sandbox, "s", &[]).success();
 }
 
 #[test]
@@ -231,10 +278,10 @@ fn a_trial_that_fails_is_recorded_and_stops_nothing() {
     assert_eq!(table(&printed), table(&report));
     assert!(printed.contains("\n   1  cartpole optimizer.learning_rate=0.001 "), "{printed}");
     assert!(printed.lines().all(|line| line.chars().count() <= 80), "{printed}");
-    let failed = sandbox.json("s/trials/0/2.json");
+    let failed = trial(&sandbox, "s", "cartpole optimizer.learning_rate=1", 2);
     assert_eq!((&failed["summary"], &failed["final"]), (&Value::Null, &Value::Null));
     assert!(failed["error"].as_str().unwrap().starts_with("training diverged: at environment step"));
-    let good = sandbox.json("s/trials/1/1.json");
+    let good = trial(&sandbox, "s", "cartpole optimizer.learning_rate=0.001", 1);
     assert_eq!((&good["error"], &good["summary"]["env_steps"]), (&Value::Null, &json!(400)));
     // They are not tried again, and not counted less.
     sandbox.run(&arguments).code(1).stdout(printed);
@@ -255,7 +302,7 @@ fn a_trial_is_what_train_and_eval_give() {
     for seed in ["5", "6"] {
         let run = format!("run{seed}");
         sandbox.run(&[&["train", "--quiet", "--seed", seed, "--out", &run], &config[..]].concat()).success();
-        let trial = sandbox.json(&format!("s/trials/0/{seed}.json"));
+        let trial = trial(&sandbox, "s", "cartpole", seed.parse().unwrap());
         let expected = ["best", "config", "error", "evaluations", "final", "seed", "summary"];
         assert_eq!(keys(&trial), expected);
         let mut summary = sandbox.json(&format!("{run}/summary.json"));
@@ -306,16 +353,24 @@ fn configs_and_variations_multiply() {
     assert_eq!(names, [of("a"), of("b")].concat());
     let last = &configs[7]["config"];
     assert_eq!((&last["gamma"], &last["loss"], &last["seed"]), (&json!(0.5), &json!("huber"), &json!(0)));
-    assert_eq!(sandbox.json("s/trials/7/0.json")["config"], names[7]);
+    assert_eq!(trial(&sandbox, "s", names[7], 0)["config"], names[7]);
 }
 
 #[test]
-fn a_foreign_file_among_the_trials_is_named() {
+fn a_foreign_line_among_the_trials_is_named() {
     let sandbox = Sandbox::new();
     study(&sandbox, "s", &[]).success();
-    fs::copy(sandbox.path("s/trials/0/3.json"), sandbox.path("s/trials/0/4.json")).unwrap();
+    let file = trial_file(&sandbox, "s");
     let arguments = [&STUDY[..], &["s"], &sets(TINY)].concat();
-    sandbox.refuses(&arguments, &["s/trials/0/4.json", "seed 3", "remove the file"]);
+    for foreign in ["{}", "[1]", "", "{\"config\":\"other\",\"seed\":3,\"error\":null,\"x\":{}}"] {
+        sandbox.write(
+            "s/trials/a.jsonl",
+            format!("{}{foreign}\n", sandbox.read(&file).lines().next().unwrap().to_owned() + "\n"),
+        );
+        for command in [&arguments[..], &["report", "s"], &["study", "s", "--status"]] {
+            sandbox.refuses(command, &["s/trials/a.jsonl line 2", "remove the line"]);
+        }
+    }
 }
 
 #[test]
@@ -323,9 +378,7 @@ fn a_study_of_endurance_says_how_many_policies_last() {
     let sandbox = Sandbox::new();
     study(&sandbox, "plain", &[]).success();
     study(&sandbox, "long", &["--endurance"]).success();
-    let trial = |study: &str| -> Value {
-        serde_json::from_slice(&fs::read(sandbox.path(&format!("{study}/trials/0/3.json"))).unwrap()).unwrap()
-    };
+    let trial = |study: &str| trial(&sandbox, study, "cartpole gamma=0.9", 3);
     let (plain, mut long) = (trial("plain"), trial("long"));
     assert!(plain["final"].get("endured").is_none());
     assert_eq!(long["final"]["endured"], json!(0), "200 steps teach nothing that lasts");

@@ -1,0 +1,87 @@
+//! `study --plan` and `study DIR --status`: what there is to do, and what is done of it.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::ui::{Failure, note, program, shell_word};
+use crate::study::StudyDir;
+use crate::text::{legend, table, visible};
+
+/// The first trial of a plan is timed no longer than that.
+const TIMED: Duration = Duration::from_secs(30);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// How long a shard should take on one core: schedulers want jobs of an hour, and not of a second.
+const SHARD_SECONDS: f64 = 3600.0;
+/// Most shards that are proposed: as many as every Slurm takes in one array by default.
+const MAX_SHARDS: f64 = 1000.0;
+
+/// What a study costs, and how it is given to the engines of a cluster. Times its first trial, until `stop` is set.
+pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> String {
+    let total = folder.study().total();
+    let (seconds, is_whole) = time_first_trial(folder, stop);
+    let core_seconds = seconds * total as f64;
+    let shards = (core_seconds / SHARD_SECONDS).ceil().min(total as f64).clamp(1.0, MAX_SHARDS);
+    let (last, least) = (shards - 1.0, if is_whole { "about" } else { "more than" });
+    let hours = |seconds: f64| format!("{:.2}", seconds / 3600.0);
+    let path = shell_word(&path.to_string_lossy());
+    let study = visible(&format!("{} study {path}", program()));
+    format!(
+        "study      {path}\n\
+         trials     {total}: configs {}, seeds {}\n\
+         estimate   {least} {seconds:.2} s a trial on one core, {} core hours in all, by the first trial\n\
+         shards     {shards}, each {least} {} hours on one core\n\n\
+         By one of these, with the scripts of this program's repository:\n\
+         Slurm         sbatch --array=0-{last} scripts/cluster/slurm.sbatch {path} {shards}\n\
+         HyperQueue    hq submit --array 0-{last} scripts/cluster/hyperqueue.sh {path} {shards}\n\
+         GNU parallel  scripts/cluster/parallel.sh {path} {shards}\n\
+         this machine  {study}\n\n\
+         progress   {study} --status\n",
+        folder.study().configs.len(),
+        folder.study().seeds.end - folder.study().seeds.start,
+        hours(core_seconds),
+        hours(core_seconds / shards),
+    )
+}
+
+/// Seconds of the first trial, and whether that is all of it.
+fn time_first_trial(folder: &StudyDir, stop: &AtomicBool) -> (f64, bool) {
+    let begin = Instant::now();
+    let end_early = AtomicBool::new(false);
+    let trial = thread::scope(|scope| {
+        let trial = scope.spawn(|| folder.try_first(&end_early));
+        while !trial.is_finished() && begin.elapsed() < TIMED && !stop.load(Ordering::Relaxed) {
+            thread::sleep(POLL_INTERVAL);
+        }
+        end_early.store(true, Ordering::Relaxed);
+        trial.join().ok().flatten()
+    });
+    (begin.elapsed().as_secs_f64(), trial.is_some())
+}
+
+/// How many trials of each config are done, missing and failed.
+pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
+    let study = folder.study();
+    let mut counts = vec![(0, 0); study.configs.len()];
+    let notes = folder.read(|trial| {
+        let (done, failed) = &mut counts[trial.config];
+        *done += 1;
+        *failed += u64::from(trial.failed);
+        Ok(())
+    })?;
+    notes.iter().for_each(|text| note(text));
+    let seeds = study.seeds.end - study.seeds.start;
+    let row = |number: String, name: &str, done: u64, missing: u64, failed: u64| {
+        vec![number, visible(name), done.to_string(), missing.to_string(), failed.to_string()]
+    };
+    let mut rows = vec![["", "config", "done", "missing", "failed"].map(String::from).to_vec()];
+    for (i, (named, &(done, failed))) in study.configs.iter().zip(&counts).enumerate() {
+        rows.push(row(i.to_string(), &named.name, done, seeds - done, failed));
+    }
+    let sum = |of: fn(&(u64, u64)) -> u64| counts.iter().map(of).sum::<u64>();
+    let (done, failed) = (sum(|count| count.0), sum(|count| count.1));
+    rows.push(row(String::new(), "all", done, study.total() - done, failed));
+    let table = table(&rows);
+    Ok(legend(&rows, &table) + &table)
+}

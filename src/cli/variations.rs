@@ -1,0 +1,143 @@
+//! The configs of a study: every `--config` in every variation of `--vary`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::Value;
+
+use super::layers::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
+use super::permission::Programs;
+use super::ui::Failure;
+use crate::config::Config;
+use crate::study::NamedConfig;
+use crate::text::visible;
+
+/// Most configs of a study, so that a slip of the keyboard does not fill the memory.
+const MAX_CONFIGS: usize = 10_000;
+
+/// What the configs of a study are made of.
+#[derive(Debug, Args)]
+pub(super) struct Variations {
+    /// JSON file with settings, `-` for standard input, may be repeated [default: the built-in configs/cartpole.json]
+    #[arg(long, value_name = "FILE")]
+    config: Vec<PathBuf>,
+    /// Values of a config key to compare: KEY=V1,V2, or KEY=[V1, V2] as JSON if values hold commas; may be repeated
+    #[arg(long, value_name = "KEY=VALUES", value_parser = variation)]
+    vary: Vec<Variation>,
+    /// Set one config key in all configs; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// A key and the values that it takes in turn.
+#[derive(Clone, Debug)]
+struct Variation {
+    key: String,
+    values: Vec<String>,
+}
+
+fn variation(text: &str) -> Result<Variation, String> {
+    let (key, list) = text.split_once('=').ok_or("expected KEY=V1,V2 or KEY=[V1, V2]")?;
+    let values: Vec<String> = if list.starts_with('[') {
+        let values: Vec<Value> =
+            serde_json::from_str(list).map_err(|error| format!("expected a JSON list: {error}"))?;
+        values.iter().map(Value::to_string).collect()
+    } else if list.starts_with('{') {
+        return Err(format!("write objects as a JSON list: {key}=[{{…}}, {{…}}]"));
+    } else {
+        list.split(',').map(str::to_owned).collect()
+    };
+    if key == "seed" {
+        Err("the seeds of a study are given by --seeds".into())
+    } else if values.iter().any(String::is_empty) || values.is_empty() {
+        Err("a value is missing".into())
+    } else if values.iter().collect::<BTreeSet<_>>().len() < values.len() {
+        Err("a value is given twice; remove one".into())
+    } else {
+        Ok(Variation { key: key.into(), values })
+    }
+}
+
+/// Every config in every variation, all of them valid.
+pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failure> {
+    let mut sources = Vec::new();
+    for path in &arguments.config {
+        let (origin, text) = read_config(path)?;
+        sources.push((config_name(path), visible(&origin), text));
+    }
+    if sources.is_empty() {
+        sources.push((DEFAULT_NAME.into(), "the built-in config".into(), DEFAULT_CONFIG.into()));
+    }
+    if arguments.set.iter().any(|set| set.starts_with("seed=")) {
+        return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));
+    }
+    for Variation { key, .. } in &arguments.vary {
+        let is_overwritten = |set: &&String| {
+            let below = set.strip_prefix(key.as_str());
+            below.is_some_and(|rest| rest.starts_with(['=', '.']))
+        };
+        if let Some(set) = arguments.set.iter().find(is_overwritten) {
+            return Err(Failure::BadInput(format!(
+                "--vary {key} overwrites --set {}; give one of the two",
+                visible(set)
+            )));
+        }
+    }
+    let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
+    let mut configs: Vec<NamedConfig> = Vec::new();
+    let mut programs = Programs::default();
+    for (stem, origin, text) in &sources {
+        let mut seen = BTreeMap::new();
+        for variation in &variations {
+            let name = [std::slice::from_ref(stem), variation].concat().join(" ");
+            let sets = [&arguments.set[..], variation].concat();
+            let mut config =
+                Config::from_layers(Some((origin, text)), &sets).map_err(|error| match &variation[..] {
+                    [] => error.into(),
+                    _ => Failure::BadInput(format!("variation {}: {error}", variation.join(" "))),
+                })?;
+            // Two spellings of one value, such as 0.9 and 0.90, would train the same config twice.
+            let parsed =
+                serde_json::to_string(&config).map_err(|error| Failure::Failed(error.to_string()))?;
+            if let Some(other) = seen.insert(parsed, variation) {
+                return Err(Failure::BadInput(format!(
+                    "--vary: {} and {} are the same config; leave one out",
+                    other.join(" "),
+                    variation.join(" ")
+                )));
+            }
+            if configs.iter().any(|other| other.name == name) {
+                return Err(Failure::BadInput(format!(
+                    "--config {origin}: two configs are called {stem:?}; rename a file"
+                )));
+            }
+            programs.ask_task(&mut config)?;
+            configs.push(NamedConfig::new(name, config)?);
+        }
+    }
+    Ok(configs)
+}
+
+/// The cross product of the variations, each as `key=value`s.
+fn combinations(vary: &[Variation], limit: usize) -> Result<Vec<Vec<String>>, Failure> {
+    let mut products = vec![Vec::new()];
+    for (i, Variation { key, values }) in vary.iter().enumerate() {
+        if vary[..i].iter().any(|other| other.key == *key) {
+            return Err(Failure::BadInput(format!(
+                "--vary {key} is given twice; put all its values into one --vary"
+            )));
+        }
+        if products.len().saturating_mul(values.len()) > limit {
+            return Err(Failure::BadInput(format!("--vary makes more than {MAX_CONFIGS} configs")));
+        }
+        let extend = |product: &Vec<String>| {
+            values
+                .iter()
+                .map(|value| [&product[..], &[format!("{key}={value}")]].concat())
+                .collect::<Vec<_>>()
+        };
+        products = products.iter().flat_map(extend).collect();
+    }
+    Ok(products)
+}

@@ -1,0 +1,103 @@
+//! What a report keeps of the trials of a study: as little as it can, because there may be a million.
+
+use std::sync::Arc;
+
+use serde::Deserialize;
+
+use super::ReportError;
+use super::history;
+use crate::env::Spec;
+use crate::study::{NamedConfig, SCORE_EPISODES, StudyDir};
+use crate::trainer::Evaluation;
+
+/// The finished trials of a config, in the order of their seeds.
+#[derive(Debug)]
+pub(super) struct Group {
+    pub(super) name: String,
+    pub(super) task: Spec,
+    pub(super) outcomes: Vec<Outcome>,
+}
+
+/// What became of a trial.
+#[derive(Debug)]
+pub(super) struct Outcome {
+    pub(super) seed: u64,
+    pub(super) error: Option<Box<str>>,
+    pub(super) best: Option<Score>,
+    pub(super) final_: Option<Score>,
+    /// The steps of the evaluations; trials of the same steps share them.
+    pub(super) steps: Arc<[u64]>,
+    means: Box<[f64]>,
+}
+
+/// What a policy came to.
+#[derive(Debug, Deserialize)]
+pub(super) struct Score {
+    pub(super) mean: f64,
+    #[serde(default)]
+    endured: Option<u64>,
+}
+
+/// The line of a trial.
+#[derive(Deserialize)]
+struct Line {
+    error: Option<Box<str>>,
+    best: Option<Score>,
+    #[serde(rename = "final")]
+    final_: Option<Score>,
+    evaluations: Vec<Evaluation>,
+}
+
+impl Score {
+    /// Whether the policy lasts in every episode; none where the study does not ask.
+    pub(super) fn endures(&self) -> Option<bool> {
+        self.endured.map(|endured| endured == SCORE_EPISODES)
+    }
+}
+
+impl Outcome {
+    /// Takes the `steps` of another trial if they are its own.
+    fn new(seed: u64, line: Line, steps: &mut Arc<[u64]>) -> Result<Self, String> {
+        let Line { error, best, final_, evaluations } = line;
+        if !evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
+            return Err("its evaluations are not in the order of their steps".into());
+        }
+        let own = evaluations.iter().map(|evaluation| evaluation.env_steps);
+        if !own.clone().eq(steps.iter().copied()) {
+            *steps = own.collect();
+        }
+        let means = evaluations.iter().map(|evaluation| evaluation.mean).collect();
+        Ok(Self { seed, error, best, final_, steps: Arc::clone(steps), means })
+    }
+
+    /// The evaluations during training.
+    pub(super) fn evaluations(&self) -> Vec<Evaluation> {
+        let pairs = self.steps.iter().zip(&self.means);
+        pairs.map(|(&env_steps, &mean)| Evaluation { env_steps, mean }).collect()
+    }
+
+    /// See [`history::value_at`].
+    pub(super) fn value_at(&self, step: u64, task: &Spec) -> f64 {
+        history::value_at(step, &self.steps, &self.means, self.error.is_some(), task)
+    }
+}
+
+/// The configs that have finished trials, and notes on what is left out.
+pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Vec<String>), ReportError> {
+    let named = study_dir.study().configs.iter();
+    let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {
+        name: name.clone(),
+        task: task.clone(),
+        outcomes: Vec::new(),
+    };
+    let mut groups: Vec<Group> = named.map(group).collect();
+    let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
+    let notes = study_dir.read(|trial| {
+        let outcome = Outcome::new(trial.seed, trial.parse()?, &mut steps[trial.config])?;
+        groups[trial.config].outcomes.push(outcome);
+        Ok(())
+    })?;
+    groups.retain(|group| !group.outcomes.is_empty());
+    groups.iter_mut().for_each(|group| group.outcomes.sort_unstable_by_key(|outcome| outcome.seed));
+    Ok((groups, notes))
+}

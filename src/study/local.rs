@@ -1,0 +1,90 @@
+//! The trials of a study in this process: its threads.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, mpsc};
+use std::thread;
+
+use super::store::Writer;
+use super::{Study, StudyDir, StudyError, Trial};
+use crate::config::Config;
+use crate::env::Make;
+
+/// Makes what makes the environments of a config.
+pub type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
+
+impl StudyDir {
+    /// Runs these trials on `jobs` threads and shows each to `done`, in the order in which they end. Once `stop` is set, no
+    /// trial begins, and those that have begun are kept as they are: who runs them next resumes them.
+    ///
+    /// # Errors
+    /// When a trial cannot be written. A trial that fails is no error.
+    pub fn run(
+        &self,
+        trials: &[(usize, u64)],
+        jobs: usize,
+        stop: &AtomicBool,
+        done: impl FnMut(&Trial),
+    ) -> Result<(), StudyError> {
+        self.run_in(trials, &|config| config.make(), jobs, stop, done)
+    }
+
+    /// As [`Self::run`], in the environments that `make` has for the configs.
+    ///
+    /// # Errors
+    /// See there.
+    pub fn run_in(
+        &self,
+        trials: &[(usize, u64)],
+        make: &MakeFor,
+        jobs: usize,
+        stop: &AtomicBool,
+        mut done: impl FnMut(&Trial),
+    ) -> Result<(), StudyError> {
+        if trials.is_empty() {
+            return Ok(());
+        }
+        let mut writer = Writer::new(self)?;
+        let is_resumed = self.has_unfinished();
+        let next = AtomicUsize::new(0);
+        let failed = AtomicBool::new(false);
+        let (sender, finished) = mpsc::channel();
+        thread::scope(|scope| {
+            for _ in 0..jobs.min(trials.len()) {
+                let sender = sender.clone();
+                scope.spawn(|| {
+                    let sender = sender;
+                    let is_over = || failed.load(Ordering::Relaxed) || stop.load(Ordering::Relaxed);
+                    while !is_over()
+                        && let Some(&number) = trials.get(next.fetch_add(1, Ordering::Relaxed))
+                        && let Some(trial) = self.run_trial(number, make, stop)
+                        && sender.send((number, trial)).is_ok()
+                    {}
+                });
+            }
+            drop(sender);
+            for (number, trial) in finished {
+                // After an error the file may end in the middle of a line, and nothing may follow.
+                writer.append(&trial).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
+                if is_resumed {
+                    self.forget_unfinished(number);
+                }
+                done(&trial);
+            }
+            writer.finish()
+        })
+    }
+
+    /// Runs a trial, from where it was interrupted if it was; none if `stop` was set before its end.
+    fn run_trial(&self, number: (usize, u64), make: &MakeFor, stop: &AtomicBool) -> Option<Trial> {
+        let named = &self.study().configs[number.0];
+        let (make, unfinished) = (make(&named.config), self.unfinished(number));
+        Trial::run(named, make, number.1, self.study().endurance, Some(&unfinished), stop)
+    }
+
+    /// Runs the first trial and keeps nothing of it; none if `stop` was set before its end.
+    pub fn try_first(&self, stop: &AtomicBool) -> Option<Trial> {
+        let Study { configs, seeds, endurance, .. } = self.study();
+        let named = &configs[0];
+        Trial::run(named, named.config.make(), seeds.start, *endurance, None, stop)
+    }
+}

@@ -1,0 +1,237 @@
+//! The plan of a study: which configs are trained with which seeds. Its file is `study.json`.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io;
+use std::ops::Range;
+use std::path::Path;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::StudyError;
+use crate::config::{Config, difference};
+use crate::env::{EnvironmentError, Spec};
+use crate::files::{
+    create_folders, is_unfinished, read_text_limited, remove_empty, write_json, write_json_new,
+};
+use crate::run::names::MANIFEST;
+
+/// Version of the files of a study.
+pub const FORMAT_VERSION: u32 = 2;
+/// Most seeds of a study, so that a slip of the keyboard does not fill the memory.
+pub const MAX_SEEDS: u64 = 1_000_000;
+/// Largest `study.json` that is read, in bytes.
+const MAX_FILE_SIZE: u64 = 1 << 26;
+
+/// What a study runs. Serialised it is the manifest, `study.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Study {
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// The program's version: another one may train with other bits.
+    pub version: String,
+    /// The configs, each with a name of its own.
+    pub configs: Vec<NamedConfig>,
+    /// The seeds that each config is trained with.
+    pub seeds: Range<u64>,
+    /// Whether policies are scored over [`super::ENDURANCE_STEPS`] steps too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub endurance: bool,
+}
+
+/// One config of a study.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct NamedConfig {
+    /// How reports call it.
+    pub name: String,
+    /// The config; its seed is 0, and each trial puts its own there.
+    pub config: Config,
+    /// What is known of its task: a report needs the thresholds, and starts no environment.
+    pub task: Spec,
+}
+
+impl NamedConfig {
+    /// The config in its own environment.
+    ///
+    /// # Errors
+    /// When the environment is a program that was not asked for its task.
+    pub fn new(name: String, config: Config) -> Result<Self, EnvironmentError> {
+        Ok(Self { name, task: config.environment.spec()?, config })
+    }
+}
+
+/// A part of a study: every `count`-th trial, from number `index` on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    index: usize,
+    count: usize,
+}
+
+impl Shard {
+    /// The whole study.
+    pub const ALL: Self = Self { index: 0, count: 1 };
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let shard = text
+            .split_once('/')
+            .and_then(|(index, count)| Some(Self { index: index.parse().ok()?, count: count.parse().ok()? }));
+        shard.filter(|shard| shard.index < shard.count).ok_or_else(|| {
+            "expected I/N with integers, I from 0 to N − 1, for example 0/4, 1/4, 2/4 and 3/4".into()
+        })
+    }
+}
+
+impl Study {
+    /// A study of configs with different names.
+    pub fn new(mut configs: Vec<NamedConfig>, seeds: Range<u64>, endurance: bool) -> Self {
+        configs.iter_mut().for_each(|named| named.config.seed = 0);
+        let version = env!("CARGO_PKG_VERSION").into();
+        Self { format_version: FORMAT_VERSION, version, configs, seeds, endurance }
+    }
+
+    /// Every trial of a part as (index of its config, seed): the configs take turns, so that an unfinished study compares
+    /// them on the same seeds, and every part has all of them.
+    pub fn trials(&self, shard: Shard) -> impl Iterator<Item = (usize, u64)> {
+        let all =
+            self.seeds.clone().flat_map(|seed| (0..self.configs.len()).map(move |config| (config, seed)));
+        all.skip(shard.index).step_by(shard.count)
+    }
+
+    /// Whether one of its trials belongs to a part.
+    pub fn is_in(&self, shard: Shard, (config, seed): (usize, u64)) -> bool {
+        let number = u128::from(seed - self.seeds.start) * self.configs.len() as u128 + config as u128;
+        number % shard.count as u128 == shard.index as u128
+    }
+
+    /// How many trials the study has.
+    pub fn total(&self) -> u64 {
+        (self.configs.len() as u64).saturating_mul(self.seeds.end.saturating_sub(self.seeds.start))
+    }
+
+    /// The study in a directory, which another version of this program may have written.
+    ///
+    /// # Errors
+    /// When there is none, or it is of another format.
+    pub fn read(folder: &Path) -> Result<Self, StudyError> {
+        let bad = |problem| StudyError::Folder { path: folder.into(), problem };
+        let manifest = read_manifest(folder).map_err(bad)?;
+        let study: Self = serde_json::from_value(manifest).map_err(|error| bad(not_a_study(&error)))?;
+        let names: BTreeSet<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
+        if names.is_empty() || names.len() < study.configs.len() {
+            return Err(bad(not_a_study(&"it has no config, or two of one name")));
+        }
+        let Range { start, end } = study.seeds;
+        if end.checked_sub(start).is_none_or(|seeds| seeds > MAX_SEEDS) {
+            return Err(bad(not_a_study(&format!(
+                "its seeds are {start}..{end}; at most {MAX_SEEDS} in ascending order are allowed"
+            ))));
+        }
+        Ok(study)
+    }
+
+    /// Whether this program can go on with a study that was read.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let (version, own) = (&self.version, env!("CARGO_PKG_VERSION"));
+        if version != own {
+            return Err(format!(
+                "holds a study of version {version}, and this is version {own}, which may train with other bits; use that \
+                 version, or begin the study again elsewhere"
+            ));
+        }
+        for NamedConfig { name, config, .. } in &self.configs {
+            Config::from_layers(Some((name, &json!(config).to_string())), &[])
+                .map_err(|error| format!("has a {MANIFEST} with a config that is not allowed: {error}"))?;
+        }
+        Ok(())
+    }
+
+    /// Writes the plan into the directory of a new study, or of the same study, which may have had fewer seeds.
+    ///
+    /// Two processes may do so at the same time. Where no file system helps to tell who was first, both write equal bytes.
+    ///
+    /// # Errors
+    /// When there is something else in the directory, another study included, or it cannot be written.
+    pub(super) fn write(&self, folder: &Path) -> Result<(), StudyError> {
+        let bad = |problem| StudyError::Folder { path: folder.into(), problem };
+        let unwritable = |source: io::Error| StudyError::Unwritable { path: folder.into(), source };
+        let path = folder.join(MANIFEST);
+        if is_free(folder).map_err(bad)? {
+            let made = create_folders(folder).map_err(unwritable)?;
+            match write_json_new(&path, self) {
+                // Another process was faster; whether it runs the same study is seen below.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                written => written.map_err(|error| {
+                    remove_empty(&made);
+                    unwritable(error)
+                })?,
+            }
+        }
+        if self.has_more_seeds_than(&read_manifest(folder).map_err(bad)?).map_err(bad)? {
+            write_json(&path, self).map_err(unwritable)?;
+        }
+        Ok(())
+    }
+
+    /// Whether a study is the one of the manifest `found` with more seeds; an error if it is another study.
+    fn has_more_seeds_than(&self, found: &Value) -> Result<bool, String> {
+        let mut given = json!(self);
+        let bound = |name: &str| found["seeds"][name].as_u64();
+        let (start, end) = (bound("start"), bound("end"));
+        let grows = start == Some(self.seeds.start) && end.is_some_and(|end| end < self.seeds.end);
+        if grows {
+            given["seeds"] = found["seeds"].clone();
+        }
+        match difference("", found, &given) {
+            None => Ok(grows),
+            Some(difference) => Err(format!(
+                "holds another study: {difference}. To continue that study, repeat its command, which may add seeds at the \
+                 end. Otherwise choose another --out"
+            )),
+        }
+    }
+}
+
+fn not_a_study(error: &dyn std::fmt::Display) -> String {
+    format!("has a {MANIFEST} that does not describe a study: {error}")
+}
+
+/// Reads `study.json`, if it is of this format.
+fn read_manifest(folder: &Path) -> Result<Value, String> {
+    let text =
+        read_text_limited(&folder.join(MANIFEST), MAX_FILE_SIZE).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => format!("does not hold a study: it has no {MANIFEST}"),
+            _ => format!("has a {MANIFEST} that cannot be read: {error}"),
+        })?;
+    let manifest: Value = serde_json::from_str(&text).map_err(|error| not_a_study(&error))?;
+    match &manifest["format_version"] {
+        version if *version == FORMAT_VERSION => Ok(manifest),
+        Value::Number(version) => Err(format!(
+            "has a {MANIFEST} with format_version {version}, and this program reads {FORMAT_VERSION}; train the study \
+             again in another directory, or use the program that wrote it"
+        )),
+        _ => Err(not_a_study(&"it has no format_version")),
+    }
+}
+
+/// Whether a new study can take the directory; an error if neither that nor a study is in it.
+fn is_free(path: &Path) -> Result<bool, String> {
+    let entries = match fs::read_dir(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
+        entries => entries.and_then(Iterator::collect::<io::Result<Vec<_>>>),
+    };
+    let entries =
+        entries.map_err(|error| format!("cannot be used for a study: {error}; choose another --out"))?;
+    if entries.iter().all(|entry| is_unfinished(&entry.file_name())) {
+        Ok(true)
+    } else if path.join(MANIFEST).is_file() {
+        Ok(false)
+    } else {
+        Err(format!("is not empty and does not hold a study (no {MANIFEST}); choose another --out"))
+    }
+}

@@ -1,0 +1,328 @@
+//! The directory of a study. Beside `study.json` it has the finished trials, one a line: each process appends its own to a
+//! file of its own, `trials/HOST-PROCESS-RANDOM.jsonl`. So processes need no lock, and a process that is killed can leave
+//! nothing worse than an unfinished last line, which readers ignore.
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::io::{self, BufRead, BufReader, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::{Study, StudyError, Trial};
+use crate::config::EnvironmentConfig;
+use crate::files::open_ordinary;
+use crate::run::names::MANIFEST;
+use crate::text::shown;
+
+const TRIALS: &str = "trials";
+const UNFINISHED: &str = "unfinished";
+const EXTENSION: &str = "jsonl";
+/// Longest line that is read, in bytes.
+const MAX_LINE: u64 = 1 << 26;
+/// How much of a file is read at once, in bytes.
+const BUFFER: usize = 1 << 18;
+/// How long a finished trial may be known to the system alone, which loses it with the power.
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Takes a finished trial.
+type Each<'a> = dyn FnMut(Finished) -> Result<(), String> + 'a;
+
+/// The directory of a study, for as many processes as there are.
+#[derive(Debug)]
+pub struct StudyDir {
+    pub(super) path: PathBuf,
+    study: Study,
+}
+
+/// What every reader needs to know of a trial's line.
+#[derive(Debug, Deserialize)]
+struct Key {
+    config: String,
+    seed: u64,
+    error: Option<IgnoredAny>,
+}
+
+/// A finished trial, as a reader of the directory gets it.
+#[derive(Debug)]
+pub struct Finished<'a> {
+    /// Index of its config.
+    pub config: usize,
+    /// Its seed.
+    pub seed: u64,
+    /// Whether it failed.
+    pub failed: bool,
+    line: &'a [u8],
+}
+
+impl Finished<'_> {
+    /// The whole trial, or a part of it.
+    ///
+    /// # Errors
+    /// When the line is something else.
+    pub fn parse<T: for<'de> Deserialize<'de>>(&self) -> Result<T, String> {
+        serde_json::from_slice(self.line).map_err(|error| error.to_string())
+    }
+}
+
+impl StudyDir {
+    /// Makes the directory of a new study, or opens the directory of the same study, which may have had fewer seeds.
+    ///
+    /// # Errors
+    /// When there is something else in the directory, another study included, or it cannot be written.
+    pub fn create(path: &Path, study: Study) -> Result<Self, StudyError> {
+        study.write(path)?;
+        Ok(Self { path: path.into(), study })
+    }
+
+    /// Opens the directory of a study, to go on with it.
+    ///
+    /// # Errors
+    /// When there is none, or another version of this program began it.
+    pub fn open(path: &Path) -> Result<Self, StudyError> {
+        let study_dir = Self::open_to_read(path)?;
+        let bad = |problem| StudyError::Folder { path: path.into(), problem };
+        study_dir.study.check().map_err(bad)?;
+        Ok(study_dir)
+    }
+
+    /// Opens the directory of a study of any version.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn open_to_read(path: &Path) -> Result<Self, StudyError> {
+        Ok(Self { path: path.into(), study: Study::read(path)? })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the study runs.
+    pub fn study(&self) -> &Study {
+        &self.study
+    }
+
+    /// The environments of its configs, which may need a permission to be started.
+    pub fn environments_mut(&mut self) -> impl Iterator<Item = &mut EnvironmentConfig> {
+        self.study.configs.iter_mut().map(|named| &mut named.config.environment)
+    }
+
+    /// Where an interrupted trial is kept.
+    pub(super) fn unfinished(&self, (config, seed): (usize, u64)) -> PathBuf {
+        self.path.join(UNFINISHED).join(format!("{config}-{seed}.safetensors"))
+    }
+
+    /// Whether there can be interrupted trials.
+    pub(super) fn has_unfinished(&self) -> bool {
+        self.path.join(UNFINISHED).exists()
+    }
+
+    /// Removes what is kept of a trial that has been finished since, if anything.
+    pub(super) fn forget_unfinished(&self, trial: (usize, u64)) {
+        let _ = fs::remove_file(self.unfinished(trial));
+        // The directory goes with the last of them.
+        let _ = fs::remove_dir(self.path.join(UNFINISHED));
+    }
+
+    /// Shows every finished trial once, in no particular order. Returns notes on what is left out: lines that no process
+    /// has finished, and trials with seeds that the study has not.
+    ///
+    /// # Errors
+    /// When a line is not one of this study, when `each` says so, or when two lines of one trial differ.
+    pub fn read(
+        &self,
+        mut each: impl FnMut(Finished) -> Result<(), String>,
+    ) -> Result<Vec<String>, StudyError> {
+        let trials = self.path.join(TRIALS);
+        let files = self.files().map_err(|error| StudyError::Unreadable { path: trials, source: error })?;
+        let mut reader = Reader::new(&files, &self.study);
+        for file in 0..files.len() {
+            reader.read(file, &mut each)?;
+        }
+        let Reader { mut notes, others, .. } = reader;
+        if others > 0 {
+            notes.push(format!("{others} trials with other seeds than those of {MANIFEST} are ignored"));
+        }
+        Ok(notes)
+    }
+
+    /// The files of trials, by name.
+    fn files(&self) -> io::Result<Vec<PathBuf>> {
+        let entries = match fs::read_dir(self.path.join(TRIALS)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            entries => entries?,
+        };
+        let paths: io::Result<Vec<PathBuf>> = entries.map(|entry| Ok(entry?.path())).collect();
+        let mut paths = paths?;
+        paths.retain(|path| path.extension().is_some_and(|extension| extension == EXTENSION));
+        paths.sort();
+        Ok(paths)
+    }
+}
+
+/// Reads the files of a study one after the other.
+struct Reader<'a> {
+    files: &'a [PathBuf],
+    study: &'a Study,
+    configs: HashMap<&'a str, usize>,
+    /// Where each trial was found first: index of the file, and the line's place in it.
+    found: HashMap<(usize, u64), (usize, u64)>,
+    notes: Vec<String>,
+    /// Trials with other seeds than the study's.
+    others: u64,
+}
+
+impl<'a> Reader<'a> {
+    fn new(files: &'a [PathBuf], study: &'a Study) -> Self {
+        let names = study.configs.iter().enumerate();
+        let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
+        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0 }
+    }
+
+    fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
+        let path = &self.files[file];
+        let unreadable = |source| StudyError::Unreadable { path: path.clone(), source };
+        let opened = match open_ordinary(File::options().read(true), path) {
+            // A process that had nothing to write has removed its file.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            opened => opened.map_err(unreadable)?,
+        };
+        let mut reader = BufReader::with_capacity(BUFFER, opened);
+        let (mut line, mut place) = (Vec::new(), 0);
+        for number in 1.. {
+            line.clear();
+            let length = reader.by_ref().take(MAX_LINE).read_until(b'\n', &mut line).map_err(unreadable)?;
+            if length == 0 {
+                break;
+            }
+            if line.pop_if(|byte| *byte == b'\n').is_none() && (length as u64) < MAX_LINE {
+                // Another process is writing it, or was killed while it did.
+                self.notes.push(format!("line {number} of {} is not finished and is ignored", shown(path)));
+                break;
+            }
+            let bad = |problem| StudyError::Line { path: path.clone(), line: number, problem };
+            self.show((file, place), &line, each).map_err(bad)?;
+            place += length as u64;
+        }
+        Ok(())
+    }
+
+    /// Shows a line, unless it is a copy.
+    fn show(&mut self, place: (usize, u64), line: &[u8], each: &mut Each) -> Result<(), String> {
+        let not_a_trial = |problem: String| {
+            format!("is not a trial of this study: {problem}; remove the line, and the study trains it again")
+        };
+        let Key { config, seed, error } = Key::of(line).map_err(|error| not_a_trial(error.to_string()))?;
+        let index = self.configs.get(config.as_str());
+        let index = *index.ok_or_else(|| not_a_trial(format!("it belongs to a config {config:?}")))?;
+        if !self.study.seeds.contains(&seed) {
+            self.others += 1;
+            return Ok(());
+        }
+        match self.found.get(&(index, seed)) {
+            None => {
+                self.found.insert((index, seed), place);
+                let trial = Finished { config: index, seed, failed: error.is_some(), line };
+                each(trial).map_err(not_a_trial)
+            }
+            Some(&first) => self.compare(first, line).map_err(|other| {
+                format!(
+                    "has config {config:?} with seed {seed}, and so has {other}, with other bytes. Equal programs on sound \
+                     machines write equal lines, and the names of the files begin with those of the machines. Find out which \
+                     computes wrongly: train the trial on another, and remove the lines that differ"
+                )
+            }),
+        }
+    }
+
+    /// Whether the line at a place is the same; where that is if it is not.
+    fn compare(&self, (file, place): (usize, u64), line: &[u8]) -> Result<(), String> {
+        let path = &self.files[file];
+        let read = || {
+            let (mut file, mut bytes) = (File::open(path)?, vec![0; line.len() + 1]);
+            file.seek(io::SeekFrom::Start(place))?;
+            file.read_exact(&mut bytes).map(|()| bytes)
+        };
+        match read() {
+            Ok(bytes) if bytes.strip_suffix(b"\n") == Some(line) => Ok(()),
+            _ => {
+                let before = BufReader::new(File::open(path).map_err(|error| error.to_string())?).take(place);
+                Err(format!("line {} of {}", before.split(b'\n').count() + 1, shown(path)))
+            }
+        }
+    }
+}
+
+impl Key {
+    /// As this program writes a line, what is asked for stands first, and the rest need not be read.
+    fn of(line: &[u8]) -> serde_json::Result<Self> {
+        Self::of_start(line).map_or_else(|| serde_json::from_slice(line), Ok)
+    }
+
+    fn of_start(line: &[u8]) -> Option<Self> {
+        let rest = line.strip_prefix(b"{\"config\":")?;
+        let mut values = serde_json::Deserializer::from_slice(rest).into_iter();
+        let config = values.next()?.ok()?;
+        let rest = rest[values.byte_offset()..].strip_prefix(b",\"seed\":")?;
+        let end = rest.iter().position(|&byte| byte == b',')?;
+        let seed = str::from_utf8(&rest[..end]).ok()?.parse().ok()?;
+        let is_good = rest[end..].starts_with(b",\"error\":null,") && line.ends_with(b"}");
+        is_good.then_some(Self { config, seed, error: None })
+    }
+}
+
+/// The file of a process, to which it appends the trials that it has finished.
+pub(super) struct Writer {
+    path: PathBuf,
+    file: File,
+    synced: Instant,
+    is_empty: bool,
+}
+
+impl Writer {
+    /// A new file, of a name that no other process has.
+    pub(super) fn new(study_dir: &StudyDir) -> Result<Self, StudyError> {
+        let folder = study_dir.path.join(TRIALS);
+        let host = gethostname::gethostname().to_string_lossy().replace(|c: char| !c.is_alphanumeric(), "_");
+        let new = || {
+            fs::create_dir_all(&folder)?;
+            let (prefix, suffix) = (format!("{host}-{}-", std::process::id()), format!(".{EXTENSION}"));
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(&prefix).suffix(&suffix);
+            // The umask of the process takes bits away, as from every new file.
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            builder.tempfile_in(&folder)?.keep().map_err(|error| error.error)
+        };
+        let (file, path) = new().map_err(|source| StudyError::Unwritable { path: folder.clone(), source })?;
+        Ok(Self { path, file, synced: Instant::now(), is_empty: true })
+    }
+
+    /// Appends a trial. After an error the file ends in the middle of a line, and nothing may follow.
+    pub(super) fn append(&mut self, trial: &Trial) -> Result<(), StudyError> {
+        self.try_append(trial).map_err(|source| StudyError::Write { path: self.path.clone(), source })
+    }
+
+    fn try_append(&mut self, trial: &Trial) -> io::Result<()> {
+        let mut line = serde_json::to_vec(trial)?;
+        line.push(b'\n');
+        self.is_empty = false;
+        self.file.write_all(&line)?;
+        if self.synced.elapsed() < SYNC_INTERVAL { Ok(()) } else { self.sync() }
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.synced = Instant::now();
+        self.file.sync_data()
+    }
+
+    /// Makes all trials last.
+    pub(super) fn finish(mut self) -> Result<(), StudyError> {
+        let result = if self.is_empty { fs::remove_file(&self.path) } else { self.sync() };
+        result.map_err(|source| StudyError::Write { path: self.path, source })
+    }
+}
