@@ -23,7 +23,7 @@ const WIDTH: usize = 80;
 /// Most columns of a cell but for the run's name, which takes what is left.
 const MAX_CELL: usize = 12;
 /// The configs of this repository, by which those of runs are called.
-const CONFIGS: [(&str, &str); 7] = [
+const CONFIGS: [(&str, &str); 10] = [
     ("cartpole", include_str!("../../configs/cartpole.json")),
     ("tutorial", include_str!("../../configs/tutorial.json")),
     ("fast", include_str!("../../configs/fast.json")),
@@ -31,6 +31,9 @@ const CONFIGS: [(&str, &str); 7] = [
     ("smoke", include_str!("../../configs/smoke.json")),
     ("acrobot", include_str!("../../configs/acrobot.json")),
     ("mountain_car", include_str!("../../configs/mountain_car.json")),
+    ("q_table", include_str!("../../configs/q_table.json")),
+    ("q_table_fine", include_str!("../../configs/q_table_fine.json")),
+    ("q_table_mountain_car", include_str!("../../configs/q_table_mountain_car.json")),
 ];
 
 /// List the runs below a directory, the newest first.

@@ -170,7 +170,7 @@ fn every_command_that_takes_a_policy_takes_a_table() {
     let inspected = sandbox.run(&["inspect", "run"]).success();
     let text = String::from_utf8(inspected.get_output().stdout.clone()).unwrap();
     assert!(text.contains("a table of [2, 3, 4, 4] cells with 2 actions"), "{text}");
-    sandbox.run(&["report", "run", "--html"]).success();
+    sandbox.run(&["report", "run", "--html", "page.html"]).success();
     let metrics = sandbox.read("run/metrics.jsonl");
     for name in ["visited_share", "visits_per_cell", "largest_update", "max_q"] {
         assert!(metrics.contains(&format!("\"{name}\":")), "{name}");
