@@ -8,12 +8,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::ConfigError;
+use super::keys::ENVIRONMENT as KEY;
 use super::layer::{Layer, misplaced};
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
-
-/// The key of an environment.
-pub(super) const KEY: &str = "environment";
 
 /// What the agent acts in.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -16,6 +16,9 @@ use crate::env::catalogue::EnvironmentId;
 use crate::nn::LearningRateSchedule;
 use crate::trainer::Budget;
 
+/// The key of an environment, and what those of a program begin with.
+pub(super) const ENVIRONMENT: &str = "environment";
+
 /// A line of [`KEYS`].
 pub(super) struct Key {
     /// `group.name`.

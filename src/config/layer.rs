@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
-use super::keys::{Allowed, KEYS, Key, alternatives, pointer};
+use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, alternatives, pointer};
 use super::{ConfigError, DQN, Q_TABLE};
 
 /// The keys that one source sets, each known and within its range.
@@ -63,7 +63,8 @@ impl Layer {
         let belongs = |key: &str| {
             let is_in = |(group, _): &(&str, _)| key == *group || key.starts_with(&format!("{group}."));
             let known = |path: &str| root.pointer(&pointer(path)).is_some();
-            known(key) || alternatives().iter().any(|group| is_in(group) && known(group.0))
+            let is_the_tasks = key.split('.').next() == Some(ENVIRONMENT);
+            is_the_tasks || known(key) || alternatives().iter().any(|group| is_in(group) && known(group.0))
         };
         match self.values.keys().find(|key| !belongs(key)) {
             None => Ok(()),

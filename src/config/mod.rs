@@ -174,7 +174,7 @@ impl Config {
                 *slot = choose(group, &alternatives, &layers)?;
             }
         }
-        root[environment::KEY] = environment::merged(&Self::default().environment, &layers)?;
+        root[keys::ENVIRONMENT] = environment::merged(&Self::default().environment, &layers)?;
         let origin = layers.iter().map(|layer| layer.origin.as_str()).collect::<Vec<_>>().join(" with ");
         let config: Self = serde_json::from_value(root)
             .map_err(|source| ConfigError::Json { origin: origin.clone(), source })?;

@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use serde_json::{Map, Value, json};
 
-use super::environment::{KEY, program_defaults};
-use super::keys::{Allowed, KEYS, Key, alternatives, object, pointer};
+use super::environment::program_defaults;
+use super::keys::{Allowed, ENVIRONMENT as KEY, KEYS, Key, alternatives, object, pointer};
 use super::{Config, DQN, Q_TABLE};
 
 /// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
