@@ -1,7 +1,7 @@
 //! Vectors of f32, with the few operations that the kernels need, for every instruction set. Each operation rounds as
 //! the scalar operation does. So all widths give the same bits.
 
-use super::float::Float;
+use super::float::{Float, mul_add_in_f64};
 
 /// A vector of f32.
 ///
@@ -114,7 +114,8 @@ unsafe impl Vector for Scalar {
     }
     #[inline(always)]
     fn mul_add(self, factor: Self, summand: Self) -> Self {
-        Self(std::array::from_fn(|lane| self.0[lane].mul_add(factor.0[lane], summand.0[lane])))
+        let mul_add = if cfg!(target_arch = "wasm32") { mul_add_in_f64 } else { f32::mul_add };
+        Self(std::array::from_fn(|lane| mul_add(self.0[lane], factor.0[lane], summand.0[lane])))
     }
     #[inline(always)]
     fn relu(self) -> Self {
