@@ -20,6 +20,7 @@ mod train;
 mod ui;
 mod verify;
 mod watch;
+mod web;
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -54,6 +55,7 @@ enum Command {
     Check(check::Arguments),
     Explain(explain::Arguments),
     Config(config::Arguments),
+    Web(web::Arguments),
     Completions(completions::Arguments),
     // A name that no slip of the keyboard is similar to, so that it is never suggested.
     #[command(name = "__words", hide = true)]
@@ -95,6 +97,7 @@ fn execute(command: Command) -> Result<(), Failure> {
         Command::Check(arguments) => check::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
+        Command::Web(arguments) => web::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments, Arguments::command()),
         Command::CompleteWords(arguments) => completions::run_words(&arguments, Arguments::command()),
     }

@@ -1,6 +1,8 @@
 //! The fast kernels against the naive reference, bit for bit, on every instruction set that this CPU has.
 
-use cartpole_dqn::nn::kernels::{AdamCoefficients, InstructionSet, fast, reference, scratch_len};
+use cartpole_dqn::nn::kernels::{
+    AdamCoefficients, InstructionSet, fast, mul_add_in_f64, reference, scratch_len,
+};
 use cartpole_dqn::rng::Rng;
 use nalgebra::DMatrix;
 
@@ -194,4 +196,34 @@ fn refuses_a_layer_whose_length_overflows() {
     let (x, dy) = (DMatrix::zeros(0, usize::MAX / 2), DMatrix::zeros(0, 2));
     let scratch = &mut vec![0.0; scratch_len(0, 2)];
     fast::input_gradient(InstructionSet::SCALAR, &dy, &[], &x, scratch, &mut x.clone());
+}
+
+/// Numbers of few bits, whose sums are often halfway between two f32, of all sizes, some of which make subnormal sums.
+#[test]
+fn a_multiply_add_in_f64_has_the_bits_of_the_fused_one() {
+    let mut rng = Rng::from_seed(13);
+    let (mut halfway, mut subnormal) = (0, 0);
+    for round in 0..2_000_000 {
+        let mut number = |scale: i32| {
+            let bits = [6, 12, 13, 24][rng.below(4) as usize];
+            let mantissa = rng.below(1 << bits) as f64 * if rng.below(2) == 0 { -1.0 } else { 1.0 };
+            let exponent =
+                if round % 2 == 0 { rng.below(60) as i32 - 30 } else { scale - rng.below(60) as i32 };
+            (mantissa * 2.0_f64.powi(exponent)) as f32
+        };
+        let (x, y, z) = (number(-45), number(-45), number(-110));
+        let (ours, expected) = (mul_add_in_f64(x, y, z), x.mul_add(y, z));
+        assert_eq!(
+            ours.to_bits(),
+            expected.to_bits(),
+            "{x:e} · {y:e} + {z:e}: {ours:e}, expected {expected:e}"
+        );
+        let twice = (f64::from(x) * f64::from(y) + f64::from(z)) as f32;
+        halfway += u32::from(twice != expected);
+        subnormal += u32::from(expected.is_subnormal() && twice != expected);
+    }
+    assert!(
+        halfway > 1000 && subnormal > 10,
+        "{halfway} and {subnormal} sums would be wrong if rounded twice"
+    );
 }

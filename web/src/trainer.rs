@@ -51,7 +51,9 @@ impl Training {
         let sets: Vec<String> = input["sets"].as_array().into_iter().flatten().map(string).collect();
         let config = Config::from_layers(Some((&name, &file)), &sets).map_err(text)?;
         if config.environment != EnvironmentId::CartPoleV1 {
-            return Err("this page trains on CartPole-v1 alone; the program trains on every environment".into());
+            return Err(
+                "this page trains on CartPole-v1 alone; the program trains on every environment".into()
+            );
         }
         config.check_memory(1)?;
         let trainer = config.make_trainer().map_err(text)?;

@@ -72,7 +72,8 @@ pub(super) struct Scalar([f32; 16]);
 // SAFETY: any CPU can run this, and loads and stores touch the numbers that the trait names.
 unsafe impl Vector for Scalar {
     const LANES: usize = 16;
-    const REGISTERS: usize = 7;
+    // In WebAssembly tiles of one row: taller ones are no faster there, and several times the code.
+    const REGISTERS: usize = if cfg!(target_arch = "wasm32") { 1 } else { 7 };
 
     #[inline(always)]
     unsafe fn splat(value: f32) -> Self {
