@@ -5,23 +5,24 @@ set -euo pipefail
 [ $# -eq 1 ] || { echo "usage: web/build.sh DIR" >&2; exit 2; }
 out=$(realpath -m "$1")
 modules=$(realpath -m "${MODULES:-$out}")
+CARGO_TARGET_DIR=$(realpath -m "${CARGO_TARGET_DIR:-$(dirname "$0")/../target/web}")
+export CARGO_TARGET_DIR
 cd "$(dirname "$0")"
 parts=$(mktemp -d)
 trap 'rm -rf "$parts"' EXIT
 target=wasm32-unknown-unknown
-export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$PWD/../target/web}
 
 # A standard library for WebAssembly: from rustup, or else built from Debian's sources by Debian's compiler.
 cargo=(cargo)
 if command -v rustup >/dev/null; then
     rustup target add "$target"
 elif [ ! -d "$(rustc --print sysroot)/lib/rustlib/$target" ]; then
-    sources=/usr/src/rustc-web/library
-    if [ ! -d "$sources" ]; then
-        echo "rustc has no standard library for $target: install rustup, or Debian's rustc-web and rust-web-src" >&2
+    if [ ! -d "$(rustc --print sysroot)/lib/rustlib/src/rust/library" ]; then
+        echo "rustc has no standard library for $target: install rustup, or Debian's rustc-web, cargo-web, rust-web-src" \
+            "and rust-web-llvm" >&2
         exit 1
     fi
-    export RUSTC_BOOTSTRAP=1 __CARGO_TESTS_ONLY_SRC_ROOT=$sources
+    export RUSTC_BOOTSTRAP=1
     cargo+=(-Zbuild-std=std,panic_abort)
 fi
 
