@@ -272,7 +272,7 @@ impl Product {
                 for (i, sums) in sums.iter_mut().enumerate() {
                     let factor = V::splat(*a.add(i * self.a_row_stride));
                     for (sum, &term) in sums.iter_mut().zip(&terms) {
-                        *sum = factor.add_product(term, *sum);
+                        *sum = factor.mul_add(term, *sum);
                     }
                 }
                 a = a.wrapping_add(self.a_column_stride);

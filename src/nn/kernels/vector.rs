@@ -48,11 +48,6 @@ pub(super) unsafe trait Vector: Copy {
     fn sqrt(self) -> Self;
     /// self · factor + summand, rounded once.
     fn mul_add(self, factor: Self, summand: Self) -> Self;
-    /// [`Self::mul_add`] in the sum of a product, which may be computed again: see `wasm.rs`.
-    #[inline(always)]
-    fn add_product(self, factor: Self, sum: Self) -> Self {
-        self.mul_add(factor, sum)
-    }
     /// `if self < 0 { 0 } else { self }`
     fn relu(self) -> Self;
     /// `if |self| < 2⁻¹²⁶ { 0 } else { self }`

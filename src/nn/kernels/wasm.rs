@@ -1,26 +1,13 @@
 //! Vectors of f32 for WebAssembly, which has no fused multiply-add of its own.
 //!
 //! [`Simd128`] computes x · y + z in f64, where the product is exact. Rounding the sum to f64 and then to f32 differs from
-//! rounding once only if the f64 is halfway between two f32. Such a vector is computed again by [`mul_add_in_f64`]. In the
-//! sums of a product that test would be most of the work. So the sums only note that a lane may have been halfway, and the
-//! kernel is then computed again as a whole, which happens about once in ten thousand times.
-//! [`RelaxedSimd`] has an instruction that fuses on most CPUs, and is used only where it does.
+//! rounding once only if the f64 is halfway between two f32. These rare lanes are computed again by
+//! [`mul_add_in_f64`]. [`RelaxedSimd`] has an instruction that fuses on most CPUs, and is used only where it does.
 
 use core::arch::wasm32::*;
-use std::cell::Cell;
 
 use super::float::mul_add_in_f64;
 use super::vector::Vector;
-
-thread_local! {
-    /// Not 0 in a lane where a sum may have been rounded twice.
-    static DOUBT: Cell<v128> = const { Cell::new(i32x4(0, 0, 0, 0)) };
-}
-
-/// Whether a sum may have been rounded twice since the last call.
-pub(super) fn take_doubt() -> bool {
-    v128_any_true(DOUBT.replace(i32x4(0, 0, 0, 0)))
-}
 
 /// Loads `lanes` of 4 numbers, and 0 into the other lanes.
 ///
@@ -92,21 +79,19 @@ impl Simd128 {
         Self(round(first), round(last))
     }
 
-    /// The sums of x · y + z, and a vector that is not 0 in a lane whose sum may be halfway between two f32: its last 29
-    /// bits are 1000…, or it is a subnormal f32, whose last place is another one.
+    /// Whether a sum may be halfway between two f32: its last 29 bits are 1000…, or it is a subnormal f32, whose last place
+    /// is another one.
     #[inline(always)]
-    fn sums(self, factor: Self, summand: Self) -> (v128, v128, v128) {
+    fn any_halfway(first: v128, last: v128) -> bool {
         const HALFWAY: i32 = i32::MIN; // the last 29 bits, shifted to the left
         const SMALLEST: i32 = 0x3810_0000 << 1; // the first word of 2⁻¹²⁶ without its sign
-        let first = f64x2_add(f64x2_mul(self.0, factor.0), summand.0);
-        let last = f64x2_add(f64x2_mul(self.1, factor.1), summand.1);
         let (low, high) =
             (i32x4_shuffle::<0, 2, 4, 6>(first, last), i32x4_shuffle::<1, 3, 5, 7>(first, last));
         let halfway = i32x4_eq(i32x4_shl(low, 3), i32x4_splat(HALFWAY));
         // Without sign and less 1, so that 0 becomes the largest unsigned number. 2³¹ more makes unsigned order signed.
         let magnitude = i32x4_add(i32x4_shl(high, 1), i32x4_splat(i32::MIN.wrapping_sub(1)));
         let tiny = i32x4_lt(magnitude, i32x4_splat((SMALLEST - 1).wrapping_add(i32::MIN)));
-        (first, last, v128_or(halfway, tiny))
+        v128_any_true(v128_or(halfway, tiny))
     }
 
     #[cold]
@@ -164,13 +149,11 @@ unsafe impl Vector for Simd128 {
     }
     #[inline(always)]
     fn mul_add(self, factor: Self, summand: Self) -> Self {
-        let (first, last, doubt) = self.sums(factor, summand);
-        if v128_any_true(doubt) { self.mul_add_by_lane(factor, summand) } else { Self::rounded(first, last) }
-    }
-    #[inline(always)]
-    fn add_product(self, factor: Self, sum: Self) -> Self {
-        let (first, last, doubt) = self.sums(factor, sum);
-        DOUBT.set(v128_or(DOUBT.get(), doubt));
+        let first = f64x2_add(f64x2_mul(self.0, factor.0), summand.0);
+        let last = f64x2_add(f64x2_mul(self.1, factor.1), summand.1);
+        if Self::any_halfway(first, last) {
+            return self.mul_add_by_lane(factor, summand);
+        }
         Self::rounded(first, last)
     }
     #[inline(always)]
