@@ -28,7 +28,7 @@ fi
 
 # build NAME FLAGS: the module for browsers with these features.
 build() {
-    RUSTFLAGS="-Dwarnings $2" "${cargo[@]}" build --release --locked --target "$target"
+    RUSTFLAGS="-Dwarnings $2" "${cargo[@]}" build --release --target "$target"
     cp "$CARGO_TARGET_DIR/$target/release/cartpole_dqn_web.wasm" "$parts/$1.wasm"
 }
 build relaxed-simd '-Ctarget-feature=+simd128,+relaxed-simd'

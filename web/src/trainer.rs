@@ -20,11 +20,12 @@ pub struct Training {
     end: Option<EndReason>,
 }
 
-/// Keeps the events since the page last asked, and the best checkpoint.
+/// Keeps the events since the page last asked, and the latest checkpoints.
 #[derive(Default)]
 struct Seen {
     events: Vec<Event>,
     best: Option<Snapshot>,
+    last: Option<Snapshot>,
 }
 
 impl Observer for Seen {
@@ -34,9 +35,11 @@ impl Observer for Seen {
     }
 
     fn checkpoint(&mut self, due: &DueCheckpoint<'_>) -> io::Result<()> {
-        if due.kind == CheckpointKind::Best {
-            self.best = Some(due.snapshot());
-        }
+        let kept = match due.kind {
+            CheckpointKind::Best => &mut self.best,
+            CheckpointKind::Last { .. } => &mut self.last,
+        };
+        *kept = Some(due.snapshot());
         Ok(())
     }
 }
@@ -111,9 +114,10 @@ impl Training {
         self.bytes(Snapshot { env_steps, evaluation, progress: None, tensors })
     }
 
-    /// See [`super::last`].
+    /// See [`super::last`]. A run that has ended has offered it before its last evaluation.
     pub fn last(&self) -> Result<Vec<u8>, String> {
-        self.bytes(self.trainer.snapshot())
+        let last = self.seen.last.clone().filter(|_| self.end.is_some());
+        self.bytes(last.unwrap_or_else(|| self.trainer.snapshot()))
     }
 
     /// See [`super::best`].
