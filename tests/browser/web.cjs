@@ -109,16 +109,20 @@ async function theDefaultIsSolvedWithTheProgramsBits(browser) {
 
 async function pushes(page) {
   await until(page, 'episode.moment.steps > 20 && !episode.moment.terminated');
+  await page.keyboard.press('ArrowLeft');
+  await until(page, 'episode.pushed');
+  await page.click('#play');
+  const still = await page.evaluate('episode.moment.steps');
+  await page.waitForTimeout(200);
+  assert.equal(await page.evaluate('episode.moment.steps'), still, 'moves while it is paused');
+  await page.evaluate('episode.moment = player.json("reset", null, 0), episode.pause = 0');
+  // A push plays one step. The policy's own push changes the velocity by 0.2 m/s, the blow by 0.5 m/s.
   for (const [action, side] of [[() => page.keyboard.press('ArrowRight'), 1], [() => page.click('#left'), -1]]) {
     const before = await page.evaluate('episode.moment.state[1]');
     await action();
-    const after = await until(page, `episode.pushed && episode.pushed.side === ${side} && episode.moment.state`);
-    assert(side * (after[1] - before) > 0.1, `a push to ${side} changed the velocity from ${before} to ${after[1]}`);
-    await until(page, '!episode.pushed');
+    const change = await page.evaluate('episode.moment.state[1]') - before;
+    assert(side * change > 0.25, `a push to ${side} changed the velocity by ${change}`);
   }
-  await page.click('#play');
-  const [still] = [await page.evaluate('episode.moment.steps'), await page.waitForTimeout(200)];
-  assert.equal(await page.evaluate('episode.moment.steps'), still, 'moves while it is paused');
 }
 
 async function aCheckpointIsPlayed(browser) {
