@@ -4,7 +4,6 @@ use std::io;
 use std::sync::atomic::AtomicBool;
 
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::catalogue::EnvironmentId;
 use cartpole_dqn::nn::kernels::InstructionSet;
 use cartpole_dqn::run::Checkpoint;
 use cartpole_dqn::tensors::Tensors;
@@ -53,7 +52,7 @@ impl Training {
         let (name, file) = (string(&input["name"]), string(&input["text"]));
         let sets: Vec<String> = input["sets"].as_array().into_iter().flatten().map(string).collect();
         let config = Config::from_layers(Some((&name, &file)), &sets).map_err(text)?;
-        if config.environment != EnvironmentId::CartPoleV1 {
+        if json!(config)["environment"] != "CartPole-v1" {
             return Err(
                 "this page trains on CartPole-v1 alone; the program trains on every environment".into()
             );
