@@ -87,7 +87,8 @@ fn round_to_odd(product: f64, z: f64, sum: f64) -> f64 {
     // Knuth's TwoSum: what the sum lost.
     let z_part = sum - product;
     let error = (product - (sum - z_part)) + (z - z_part);
-    let is_inexact = error > 0.0 || error < 0.0;
+    // Not so for NaN, where the sum is infinite or NaN.
+    let is_inexact = error.abs() > 0.0;
     match sum.to_bits() {
         bits if !is_inexact || bits & 1 == 1 => sum,
         bits if (error > 0.0) == (sum > 0.0) => f64::from_bits(bits + 1),
