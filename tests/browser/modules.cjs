@@ -71,8 +71,8 @@ async function refuses() {
   const instance = await instantiate(module);
   const start = (text, sets = []) => instance.json('start', JSON.stringify({ name: 'x.json', text, sets }));
   assert.throws(() => start('{'), /x\.json: EOF/);
-  assert.throws(() => start('{}', ['gamma=2']), /`gamma` is 2; allowed: from 0 to 1/);
-  assert.throws(() => start('{}', ['network.hidden=[60000,60000]']), /GiB/);
+  assert.throws(() => start('{}', ['gamma=2']), /`gamma` is 2; allowed: a number from 0 to 1/);
+  assert.throws(() => start('{}', [`network.hidden=[${Array(16).fill(4096)}]`, 'replay.capacity=100000000']), /GiB/);
   assert.throws(() => instance.json('train', null, 1), /no run has been started/);
   assert.throws(() => instance.json('step', null, 0), /no policy has been loaded/);
   assert.throws(() => instance.json('load', 'hello'), /safetensors/);
