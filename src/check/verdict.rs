@@ -13,7 +13,7 @@ use super::rounding::{Number, agrees};
 /// Most explanations that are followed at once.
 const MAX_EXPLANATIONS: usize = 8;
 /// Most products that are spent on pairs of mistakes in one quantity.
-const MAX_PAIR_PRODUCTS: usize = 1 << 32;
+const MAX_PAIR_PRODUCTS: u64 = 1 << 32;
 
 /// What is to be said of an update.
 #[derive(Debug, Serialize)]
@@ -268,7 +268,8 @@ impl Search<'_> {
         let is_whole = self.right.clipping != Clipping::Nothing;
         let parameters = if is_whole { self.update.online.parameters().len() } else { outputs };
         let products = if stage >= Stage::Gradients { parameters } else { 1 };
-        if products.saturating_mul(self.update.batch.rewards.len()).saturating_mul(pairs.len())
+        let factors = [products, self.update.batch.rewards.len(), pairs.len()];
+        if factors.into_iter().fold(1, |product: u64, factor| product.saturating_mul(factor as u64))
             > MAX_PAIR_PRODUCTS
         {
             return (Vec::new(), true);

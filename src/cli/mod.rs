@@ -23,6 +23,7 @@ mod ui;
 mod variations;
 mod verify;
 mod watch;
+mod web;
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -57,6 +58,7 @@ enum Command {
     Check(check::Arguments),
     Explain(explain::Arguments),
     Config(config::Arguments),
+    Web(web::Arguments),
     Completions(completions::Arguments),
     // A name that no slip of the keyboard is similar to, so that it is never suggested.
     #[command(name = "__words", hide = true)]
@@ -98,6 +100,7 @@ fn execute(command: Command) -> Result<(), Failure> {
         Command::Check(arguments) => check::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
+        Command::Web(arguments) => web::run(&arguments),
         Command::Completions(arguments) => completions::run(&arguments, Arguments::command()),
         Command::CompleteWords(arguments) => completions::run_words(&arguments, Arguments::command()),
     }

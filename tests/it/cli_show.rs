@@ -139,3 +139,12 @@ fn inspect_shows_step_score_and_the_hash_that_train_printed_and_no_more() {
     assert!(text.contains("its best") && text.contains(&format!("not shown   {last}")), "{text}");
     assert!(!text.contains("gamma") && !text.contains("0.weight"), "{text}");
 }
+
+#[cfg(not(feature = "web"))]
+#[test]
+fn a_program_without_the_page_says_how_to_build_one_that_has_it() {
+    let sandbox = Sandbox::new();
+    let how = predicate::str::contains("web/build.sh").and(predicate::str::contains("--features web"));
+    sandbox.run(&["web", "--out", "site"]).code(1).stdout("").stderr(how);
+    assert!(!sandbox.path("site").exists());
+}

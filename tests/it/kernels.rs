@@ -1,6 +1,8 @@
 //! The fast kernels against the naive reference, bit for bit, on every instruction set that this CPU has.
 
-use cartpole_dqn::nn::kernels::{AdamCoefficients, InstructionSet, fast, reference, scratch_len};
+use cartpole_dqn::nn::kernels::{
+    AdamCoefficients, InstructionSet, fast, mul_add_in_f64, reference, scratch_len,
+};
 use cartpole_dqn::rng::Rng;
 use nalgebra::DMatrix;
 
@@ -194,4 +196,42 @@ fn refuses_a_layer_whose_length_overflows() {
     let (x, dy) = (DMatrix::zeros(0, usize::MAX / 2), DMatrix::zeros(0, 2));
     let scratch = &mut vec![0.0; scratch_len(0, 2)];
     fast::input_gradient(InstructionSet::SCALAR, &dy, &[], &x, scratch, &mut x.clone());
+}
+
+/// Numbers of few bits, whose sums are often halfway between two f32.
+#[test]
+fn a_multiply_add_in_f64_has_the_bits_of_the_fused_one() {
+    let mut rng = Rng::from_seed(13);
+    let mut rounded_twice_differ = 0;
+    let mut check = |x: f32, y: f32, z: f32| {
+        let (ours, expected) = (mul_add_in_f64(x, y, z), x.mul_add(y, z));
+        assert_eq!(
+            ours.to_bits(),
+            expected.to_bits(),
+            "{x:e} · {y:e} + {z:e}: {ours:e}, expected {expected:e}"
+        );
+        rounded_twice_differ += u32::from((f64::from(x) * f64::from(y) + f64::from(z)) as f32 != expected);
+    };
+    for _ in 0..1_000_000 {
+        let [x, y, z] = std::array::from_fn(|_| {
+            let bits = [6, 12, 13, 24][rng.below(4) as usize];
+            let mantissa = rng.below(1 << bits) as f64 * if rng.below(2) == 0 { -1.0 } else { 1.0 };
+            (mantissa * 2.0_f64.powi(rng.below(60) as i32 - 30)) as f32
+        });
+        check(x, y, z);
+    }
+    // A subnormal z, and a product that is a little less than half of its last place: (2ⁿ + 1) (2ⁿ − 1) < 2²ⁿ.
+    for n in 16..=23 {
+        for _ in 0..100 {
+            let z = f32::from_bits((1 << 21) + rng.below(6 << 20) as u32);
+            let (more, less) = ((1 << n) as f32 + 1.0, (1 << n) as f32 - 1.0);
+            check(more * 2.0_f32.powi(-90), less * 2.0_f32.powi(-60 - 2 * n), z);
+            check(-more * 2.0_f32.powi(-90), less * 2.0_f32.powi(-60 - 2 * n), z);
+        }
+    }
+    for special in [f32::NAN, f32::INFINITY, f32::MAX, -0.0, f32::MIN_POSITIVE] {
+        let bits = (mul_add_in_f64(special, -2.0, 1.0), special.mul_add(-2.0, 1.0));
+        assert!(bits.0.to_bits() == bits.1.to_bits() || (bits.0.is_nan() && bits.1.is_nan()), "{bits:?}");
+    }
+    assert!(rounded_twice_differ > 1000, "{rounded_twice_differ} sums would be wrong if rounded twice");
 }

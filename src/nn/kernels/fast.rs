@@ -11,6 +11,10 @@ use super::reference::AdamCoefficients;
 #[cfg(target_arch = "x86_64")]
 use super::vector::{Avx2, Avx512};
 use super::vector::{Scalar, Vector};
+#[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
+use super::wasm::RelaxedSimd;
+#[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+use super::wasm::Simd128;
 
 /// Defines a kernel from one body that is generic in the vector: the body compiled for every instruction set, and the
 /// choice between them. The body may rely on it that the CPU has the vector's instruction set.
@@ -48,6 +52,12 @@ macro_rules! kernel {
                 // SAFETY: an `InstructionSet` is made only where the CPU has it.
                 #[cfg(target_arch = "x86_64")]
                 Kind::Avx512 => unsafe { avx512($($argument),*) },
+                // SAFETY: the whole program is compiled for `simd128`.
+                #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+                Kind::Simd128 => unsafe { body::<Simd128>($($argument),*) },
+                // SAFETY: the whole program is compiled for `relaxed-simd`.
+                #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
+                Kind::RelaxedSimd => unsafe { body::<RelaxedSimd>($($argument),*) },
             }
         }
     };

@@ -64,3 +64,34 @@ macro_rules! float {
 }
 
 float!(f32 f64);
+
+/// x · y + z, rounded once, by f64 arithmetic alone. WebAssembly has no instruction for it, and the library function that
+/// `f32::mul_add` would call is slow.
+#[doc(hidden)]
+#[inline(always)]
+pub fn mul_add_in_f64(x: f32, y: f32, z: f32) -> f32 {
+    // Exact: 24 bits times 24 bits.
+    let product = f64::from(x) * f64::from(y);
+    let sum = product + f64::from(z);
+    // Rounding twice differs from rounding once only if the f64 is halfway between two f32: the last 29 bits are 1000…, or
+    // the f32 is subnormal, and its last place is another one.
+    let may_be_halfway = sum.to_bits() & 0x1FFF_FFFF == 0x1000_0000;
+    let is_subnormal = sum.abs() < f64::from(f32::MIN_POSITIVE) && sum != 0.0;
+    if may_be_halfway || is_subnormal { round_to_odd(product, f64::from(z), sum) as f32 } else { sum as f32 }
+}
+
+/// `sum`, the rounded product + z, or its neighbour on the other side of the exact sum if that neighbour's last bit is 1 and
+/// the sum was inexact. A second rounding, to fewer bits, then rounds as one rounding would (Boldo and Melquiond 2008).
+#[cold]
+fn round_to_odd(product: f64, z: f64, sum: f64) -> f64 {
+    // Knuth's TwoSum: what the sum lost.
+    let z_part = sum - product;
+    let error = (product - (sum - z_part)) + (z - z_part);
+    // Not so for NaN, where the sum is infinite or NaN.
+    let is_inexact = error.abs() > 0.0;
+    match sum.to_bits() {
+        bits if !is_inexact || bits & 1 == 1 => sum,
+        bits if (error > 0.0) == (sum > 0.0) => f64::from_bits(bits + 1),
+        bits => f64::from_bits(bits - 1),
+    }
+}

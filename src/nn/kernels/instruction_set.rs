@@ -31,6 +31,12 @@ pub(super) enum Kind {
     /// x86-64 with AVX-512F, AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
     Avx512,
+    /// WebAssembly with 128-bit vectors.
+    #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+    Simd128,
+    /// WebAssembly with relaxed vectors, whose multiply-add fuses here.
+    #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
+    RelaxedSimd,
 }
 
 /// `CARTPOLE_DQN_SIMD` names an instruction set that this CPU does not have.
@@ -81,6 +87,12 @@ impl InstructionSet {
                 available.push(Self(Kind::Avx512));
             }
         }
+        #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+        available.push(Self(Kind::Simd128));
+        #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
+        if super::wasm::RelaxedSimd::is_fused() {
+            available.push(Self(Kind::RelaxedSimd));
+        }
         available.reverse();
         available
     }
@@ -93,6 +105,10 @@ impl InstructionSet {
             Kind::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 => "avx512",
+            #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+            Kind::Simd128 => "simd128",
+            #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
+            Kind::RelaxedSimd => "relaxed-simd",
         }
     }
 

@@ -21,11 +21,14 @@ mod product;
 pub mod reference;
 #[allow(unsafe_code)]
 mod vector;
+#[allow(unsafe_code)]
+#[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+mod wasm;
 
 use nalgebra::DMatrix;
 
 pub use fast::scratch_len;
-pub use float::Float;
+pub use float::{Float, mul_add_in_f64};
 pub use instruction_set::{InstructionSet, UnknownInstructionSet};
 pub use reference::AdamCoefficients;
 

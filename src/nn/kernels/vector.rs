@@ -1,7 +1,7 @@
 //! Vectors of f32, with the few operations that the kernels need, for every instruction set. Each operation rounds as
 //! the scalar operation does. So all widths give the same bits.
 
-use super::float::Float;
+use super::float::{Float, mul_add_in_f64};
 
 /// A vector of f32.
 ///
@@ -72,7 +72,8 @@ pub(super) struct Scalar([f32; 16]);
 // SAFETY: any CPU can run this, and loads and stores touch the numbers that the trait names.
 unsafe impl Vector for Scalar {
     const LANES: usize = 16;
-    const REGISTERS: usize = 7;
+    // In WebAssembly tiles of one row: taller ones are no faster there, and several times the code.
+    const REGISTERS: usize = if cfg!(target_arch = "wasm32") { 1 } else { 7 };
 
     #[inline(always)]
     unsafe fn splat(value: f32) -> Self {
@@ -114,7 +115,8 @@ unsafe impl Vector for Scalar {
     }
     #[inline(always)]
     fn mul_add(self, factor: Self, summand: Self) -> Self {
-        Self(std::array::from_fn(|lane| self.0[lane].mul_add(factor.0[lane], summand.0[lane])))
+        let mul_add = if cfg!(target_arch = "wasm32") { mul_add_in_f64 } else { f32::mul_add };
+        Self(std::array::from_fn(|lane| mul_add(self.0[lane], factor.0[lane], summand.0[lane])))
     }
     #[inline(always)]
     fn relu(self) -> Self {

@@ -1,0 +1,69 @@
+#!/usr/bin/env bash
+# Builds the page: `web/build.sh DIR` writes DIR/index.html, one file that a browser shows from anywhere, without a network.
+# With MODULES=FOLDER it also writes the WebAssembly modules, for tests, and one for engines without vectors.
+set -euo pipefail
+[ $# -eq 1 ] || { echo "usage: web/build.sh DIR" >&2; exit 2; }
+out=$(realpath -m "$1")
+modules=$(realpath -m "${MODULES:-$out}")
+CARGO_TARGET_DIR=$(realpath -m "${CARGO_TARGET_DIR:-$(dirname "$0")/../target/web}")
+export CARGO_TARGET_DIR
+cd "$(dirname "$0")"
+parts=$(mktemp -d)
+trap 'rm -rf "$parts"' EXIT
+target=wasm32-unknown-unknown
+
+# A standard library for WebAssembly: from rustup, or else built from Debian's sources by Debian's compiler.
+cargo=(cargo)
+if command -v rustup >/dev/null; then
+    rustup target add "$target"
+elif [ ! -d "$(rustc --print sysroot)/lib/rustlib/$target" ]; then
+    if [ ! -d "$(rustc --print sysroot)/lib/rustlib/src/rust/library" ]; then
+        echo "rustc has no standard library for $target: install rustup, or Debian's rustc-web, cargo-web, rust-web-src" \
+            "and rust-web-llvm" >&2
+        exit 1
+    fi
+    export RUSTC_BOOTSTRAP=1
+    cargo+=(-Zbuild-std=std,panic_abort)
+fi
+
+# build NAME FLAGS: the module for browsers with these features.
+build() {
+    RUSTFLAGS="-Dwarnings $2" "${cargo[@]}" build --release --target "$target"
+    cp "$CARGO_TARGET_DIR/$target/release/cartpole_dqn_web.wasm" "$parts/$1.wasm"
+}
+build relaxed-simd '-Ctarget-feature=+simd128,+relaxed-simd'
+build simd128 '-Ctarget-feature=+simd128'
+if [ -n "${MODULES:-}" ]; then
+    build scalar ''
+    mkdir -p "$modules"
+    cp "$parts"/*.wasm "$modules"
+fi
+
+# The modules, the fastest first. A browser that can unpack them has vectors.
+for name in relaxed-simd simd128; do
+    printf '<script type="application/gzip" data-module="%s">' "$name"
+    gzip -9nc "$parts/$name.wasm" | base64 -w 0
+    printf '</script>\n'
+done >"$parts/modules"
+for name in cartpole fast plain tutorial q_table; do
+    [ -e "../configs/$name.json" ] || continue
+    printf '<script type="application/json" data-preset="%s">\n' "$name"
+    cat "../configs/$name.json"
+    printf '</script>\n'
+done >"$parts/presets"
+cat page/{module,worker}.js >"$parts/worker"
+cat page/{module,draw,story,settings,page}.js >"$parts/script"
+
+# insert NAME FILE: the file in the place of {{NAME}}.
+insert() { printf '/{{%s}}/{\nr %s\nd\n}\n' "$1" "$2"; }
+{
+    insert style page/style.css
+    insert modules "$parts/modules"
+    insert presets "$parts/presets"
+    insert worker "$parts/worker"
+    insert script "$parts/script"
+} >"$parts/insert.sed"
+sed -f "$parts/insert.sed" page/page.html >"$parts/index.html"
+mkdir -p "$out"
+cp "$parts/index.html" "$out/index.html"
+wc -c "$parts"/*.wasm "$out/index.html"

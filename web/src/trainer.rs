@@ -1,0 +1,135 @@
+//! The run that is trained.
+
+use std::io;
+use std::sync::atomic::AtomicBool;
+
+use cartpole_dqn::config::Config;
+use cartpole_dqn::nn::kernels::InstructionSet;
+use cartpole_dqn::run::Checkpoint;
+use cartpole_dqn::tensors::Tensors;
+use cartpole_dqn::trainer::{CheckpointKind, DueCheckpoint, EndReason, Event, Observer, Snapshot, Trainer};
+use serde_json::{Value, json};
+
+/// A run, and what has been observed of it.
+pub struct Training {
+    config: Config,
+    trainer: Trainer,
+    seen: Seen,
+    /// Why the run is over, if it is.
+    end: Option<EndReason>,
+}
+
+/// Keeps the events since the page last asked, and the latest checkpoints.
+#[derive(Default)]
+struct Seen {
+    events: Vec<Event>,
+    best: Option<Snapshot>,
+    last: Option<Snapshot>,
+}
+
+impl Observer for Seen {
+    fn event(&mut self, event: &Event) -> io::Result<()> {
+        self.events.push(event.clone());
+        Ok(())
+    }
+
+    fn checkpoint(&mut self, due: &DueCheckpoint<'_>) -> io::Result<()> {
+        let kept = match due.kind {
+            CheckpointKind::Best => &mut self.best,
+            CheckpointKind::Last { .. } => &mut self.last,
+        };
+        *kept = Some(due.snapshot());
+        Ok(())
+    }
+}
+
+impl Training {
+    /// The run before its first step. `input` is JSON: `name` and `text` of a config file, and `sets`, a list of
+    /// `key=value`. Also returns a description of the run as JSON.
+    pub fn start(input: &[u8]) -> Result<(Self, Vec<u8>), String> {
+        let input: Value = serde_json::from_slice(input).map_err(text)?;
+        let string = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+        let (name, file) = (string(&input["name"]), string(&input["text"]));
+        let sets: Vec<String> = input["sets"].as_array().into_iter().flatten().map(string).collect();
+        let config = Config::from_layers(Some((&name, &file)), &sets).map_err(text)?;
+        if json!(config)["environment"] != "CartPole-v1" {
+            return Err(
+                "this page trains on CartPole-v1 alone; the program trains on every environment".into()
+            );
+        }
+        config.check_memory(1)?;
+        let trainer = config.make_trainer().map_err(text)?;
+        let settings: Vec<Value> = config
+            .settings()
+            .into_iter()
+            .map(|setting| json!({"path": setting.path, "value": setting.value, "allowed": setting.allowed}))
+            .collect();
+        let description = json!({
+            "config": config,
+            "settings": settings,
+            "version": env!("CARGO_PKG_VERSION"),
+            "instruction_set": InstructionSet::current().name(),
+        });
+        let training = Self { config, trainer, seen: Seen::default(), end: None };
+        Ok((training, description.to_string().into_bytes()))
+    }
+
+    /// Trains up to `steps` steps, as the command line does. Returns JSON: the events since the last call, as in
+    /// `metrics.jsonl`, and where the run is.
+    pub fn train(&mut self, steps: u32) -> Result<Vec<u8>, String> {
+        for _ in 0..steps {
+            if self.trainer.end_reason().is_some() {
+                break;
+            }
+            self.trainer.step(&mut self.seen).map_err(text)?;
+        }
+        if self.end.is_none() && self.trainer.end_reason().is_some() {
+            // What is left to do is the last evaluation.
+            self.end = Some(self.trainer.run(&mut self.seen, &AtomicBool::new(false)).map_err(text)?);
+        }
+        let (progress, agent) = (self.trainer.progress(), self.trainer.agent());
+        let counters = agent.counters();
+        let state = json!({
+            "events": std::mem::take(&mut self.seen.events),
+            "end": self.end.map(|reason| json!(reason)),
+            "env_steps": progress.env_steps,
+            "episodes": progress.episodes,
+            "updates": progress.updates,
+            "epsilon": counters.epsilon,
+            "learning_rate": counters.learning_rate,
+            "solved_at_step": progress.solved_at_step,
+            "best_evaluation": progress.best_evaluation,
+            "weights_sha256": agent.weights_sha256(),
+        });
+        Ok(state.to_string().into_bytes())
+    }
+
+    /// See [`super::policy`].
+    pub fn policy(&self) -> Result<Vec<u8>, String> {
+        let mut tensors = Tensors::default();
+        self.trainer.agent().policy().save("", &mut tensors);
+        let progress = self.trainer.progress();
+        let (env_steps, evaluation) = (progress.env_steps, progress.last_evaluation);
+        self.bytes(Snapshot { env_steps, evaluation, progress: None, tensors })
+    }
+
+    /// See [`super::last`]. A run that has ended has offered it before its last evaluation.
+    pub fn last(&self) -> Result<Vec<u8>, String> {
+        let last = self.seen.last.clone().filter(|_| self.end.is_some());
+        self.bytes(last.unwrap_or_else(|| self.trainer.snapshot()))
+    }
+
+    /// See [`super::best`].
+    pub fn best(&self) -> Result<Vec<u8>, String> {
+        let best = self.seen.best.clone();
+        self.bytes(best.ok_or("there is no best policy before the first evaluation")?)
+    }
+
+    fn bytes(&self, snapshot: Snapshot) -> Result<Vec<u8>, String> {
+        Checkpoint::of_run(&self.config, snapshot).and_then(|checkpoint| checkpoint.to_bytes()).map_err(text)
+    }
+}
+
+fn text(error: impl ToString) -> String {
+    error.to_string()
+}
