@@ -119,13 +119,19 @@ impl Drop for Unfinished {
     }
 }
 
-/// Gives a file a second name; where a file system has no hard links, another one.
+/// Gives a file a second name, which is never missing once it was there; where a file system has no hard links, another one.
 fn keep(path: &Path, kept: &Path) -> io::Result<()> {
-    match fs::remove_file(kept) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-        _ => {}
+    let link = kept.with_file_name(format!("{PREFIX}kept{SUFFIX}"));
+    let _ = fs::remove_file(&link);
+    match fs::hard_link(path, &link) {
+        Err(_) => fs::rename(path, kept),
+        Ok(()) => {
+            fs::rename(&link, kept)?;
+            // A file that is renamed to another name of itself keeps both.
+            let _ = fs::remove_file(&link);
+            Ok(())
+        }
     }
-    fs::hard_link(path, kept).or_else(|_| fs::rename(path, kept))
 }
 
 /// Makes a rename in a directory last; Windows does not open directories.
