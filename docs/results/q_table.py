@@ -44,8 +44,9 @@ def study(name, seeds, *words):
     run("report", folder)
     configs = {config["name"]: config for config in json.loads((folder / "report.json").read_text())["configs"]}
     named = json.loads((folder / "study.json").read_text())["configs"]
-    trials = [[json.loads(path.read_text()) for path in (folder / f"trials/{i}").glob("*.json")] for i in range(len(named))]
-    return [(configs[config["name"]], trials[i]) for i, config in enumerate(named)]
+    lines = {line for path in (folder / "trials").glob("*.jsonl") for line in path.read_text().splitlines()}
+    trials = [json.loads(line) for line in lines]
+    return [(configs[config["name"]], [trial for trial in trials if trial["config"] == config["name"]]) for config in named]
 
 
 def inside(config, *words):

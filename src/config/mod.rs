@@ -223,8 +223,11 @@ impl Config {
         }
         let divisors = self.agent.as_dqn().and_then(|dqn| dqn.observation_divisors.as_ref());
         if let Some(divisors) = divisors.filter(|all| all.len() != size) {
-            let allowed =
-                format!("null or a list with {SCALE} for each of the {size} observation coordinates");
+            let allowed = format!(
+                "null or a list with {SCALE} for each of the {size} observation coordinates of {}; each task has a config \
+                     of its own in configs/",
+                task.id
+            );
             return Err(invalid(origin, "observation_divisors", &json!(divisors), allowed));
         }
         if mirror && task.mirror.is_none() {
