@@ -287,7 +287,10 @@ impl Writer {
     /// A new file, of a name that no other process has.
     pub(super) fn new(study_dir: &StudyDir) -> Result<Self, StudyError> {
         let folder = study_dir.path.join(TRIALS);
+        #[cfg(not(target_family = "wasm"))]
         let host = gethostname::gethostname().to_string_lossy().replace(|c: char| !c.is_alphanumeric(), "_");
+        #[cfg(target_family = "wasm")]
+        let host = "wasm";
         let new = || {
             fs::create_dir_all(&folder)?;
             let (prefix, suffix) = (format!("{host}-{}-", std::process::id()), format!(".{EXTENSION}"));

@@ -39,8 +39,8 @@ pub fn differing_numbers(seed: u32) -> u32 {
     let mut count = 0;
     for set in InstructionSet::available() {
         let (mut ours, mut expected) = (dy.clone(), dy.clone());
-        fast::affine(set, &x, &layer, seed % 2 == 0, scratch, &mut ours);
-        reference::affine(&x, &layer, seed % 2 == 0, &mut expected);
+        fast::affine(set, &x, &layer, seed.is_multiple_of(2), scratch, &mut ours);
+        reference::affine(&x, &layer, seed.is_multiple_of(2), &mut expected);
         count += differing(ours.as_slice(), expected.as_slice());
 
         let (mut ours, mut expected) = (x.clone(), x.clone());

@@ -13,7 +13,7 @@ use super::vector::{Avx2, Avx512};
 use super::vector::{Scalar, Vector};
 #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
 use super::wasm::RelaxedSimd;
-#[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+#[cfg(all(target_arch = "wasm32", target_feature = "simd128", not(target_feature = "relaxed-simd")))]
 use super::wasm::Simd128;
 
 /// Defines a kernel from one body that is generic in the vector: the body compiled for every instruction set, and the
@@ -53,7 +53,7 @@ macro_rules! kernel {
                 #[cfg(target_arch = "x86_64")]
                 Kind::Avx512 => unsafe { avx512($($argument),*) },
                 // SAFETY: the whole program is compiled for `simd128`.
-                #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+                #[cfg(all(target_arch = "wasm32", target_feature = "simd128", not(target_feature = "relaxed-simd")))]
                 Kind::Simd128 => unsafe { body::<Simd128>($($argument),*) },
                 // SAFETY: the whole program is compiled for `relaxed-simd`.
                 #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]

@@ -32,7 +32,7 @@ pub(super) enum Kind {
     #[cfg(target_arch = "x86_64")]
     Avx512,
     /// WebAssembly with 128-bit vectors.
-    #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+    #[cfg(all(target_arch = "wasm32", target_feature = "simd128", not(target_feature = "relaxed-simd")))]
     Simd128,
     /// WebAssembly with relaxed vectors, whose multiply-add fuses here.
     #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
@@ -87,7 +87,11 @@ impl InstructionSet {
                 available.push(Self(Kind::Avx512));
             }
         }
-        #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+        #[cfg(all(
+            target_arch = "wasm32",
+            target_feature = "simd128",
+            not(target_feature = "relaxed-simd")
+        ))]
         available.push(Self(Kind::Simd128));
         #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
         if super::wasm::RelaxedSimd::is_fused() {
@@ -105,7 +109,11 @@ impl InstructionSet {
             Kind::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 => "avx512",
-            #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
+            #[cfg(all(
+                target_arch = "wasm32",
+                target_feature = "simd128",
+                not(target_feature = "relaxed-simd")
+            ))]
             Kind::Simd128 => "simd128",
             #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
             Kind::RelaxedSimd => "relaxed-simd",

@@ -56,7 +56,9 @@ unsafe fn transpose_4x4(from: *const f32, from_stride: usize, to: *mut f32, to_s
     }
 }
 
-/// Four numbers, each as an f64 that is exactly an f32: the first two and the last two.
+/// Four numbers, each as an f64 that is exactly an f32: the first two and the last two. A module with [`RelaxedSimd`] has no
+/// room for it: where relaxed SIMD does not fuse, such a module computes number by number.
+#[cfg_attr(target_feature = "relaxed-simd", allow(dead_code))]
 #[derive(Clone, Copy)]
 pub(super) struct Simd128(v128, v128);
 
