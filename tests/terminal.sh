@@ -172,6 +172,7 @@ press q
 shows '^code=0$'
 shows_not 'Q-values'
 press 'exit' Enter
+shows 'screen is terminating'
 press 'clear; echo us''able' Enter
 shows '^usable$'
 

@@ -1,4 +1,17 @@
 'use strict';
+// The bytes of a text in base 85, see `as_text` in build.sh.
+function unpacked(text, size) {
+  const digits = [...Array(94).keys()].map(i => String.fromCharCode(i + 33)).filter(c => !'"&\'<>\\`'.includes(c));
+  const value = Object.fromEntries(digits.slice(0, 85).map((digit, i) => [digit, i]));
+  const view = new DataView(new ArrayBuffer(Math.ceil(size / 4) * 4));
+  for (let i = 0; i < view.byteLength / 4; i++) {
+    let number = 0;
+    for (let k = 5 * i; k < 5 * i + 5; k++) number = 85 * number + value[text[k]];
+    view.setUint32(4 * i, number);
+  }
+  return new Uint8Array(view.buffer, 0, size);
+}
+
 // An instance of the WebAssembly module. Texts and bytes pass through its memory.
 async function instantiate(module) {
   const { exports } = await WebAssembly.instantiate(module, {});

@@ -21,7 +21,7 @@ const send = message => worker.postMessage(message);
 // The fastest module that this browser can run.
 async function loadModule() {
   for (const script of document.querySelectorAll('[data-module]')) {
-    const packed = Uint8Array.from(atob(script.textContent), character => character.charCodeAt(0));
+    const packed = unpacked(script.textContent, Number(script.dataset.size));
     const bytes = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'))).arrayBuffer();
     script.remove();
     if (WebAssembly.validate(bytes)) {
