@@ -197,7 +197,8 @@ fn a_program_that_cannot_be_started_is_an_error() {
         (vec!["/"], "cannot be started: Permission denied"),
         (vec!["true"], "ended (exit status: 0) and did not answer `hello 1`"),
         (vec!["cat"], "answered `hello 1` with `hello 1`: that is no JSON"),
-        (vec!["yes"], "answered `hello 1` with more than one line"),
+        // Before or after the request.
+        (vec!["yes"], "its standard output is for answers alone"),
         (vec![], "there is no command"),
     ] {
         let command = command.into_iter().map(String::from).collect();
