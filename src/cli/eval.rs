@@ -336,7 +336,9 @@ fn report<'a>(
 }
 
 fn describe(score: &Score, played: &[Played], solved: bool, task: &Task, arguments: &Arguments) -> String {
-    let Score { episodes, mean, std, min, median, max } = score;
+    let Score { episodes, mean, std, .. } = score;
+    let [min, median, max] =
+        [score.min, score.median, score.max].map(|value| (value * 100.0).round() / 100.0);
     let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
     let (seed, max_steps, task) = (arguments.seed, u64::from(task.max_steps), &task.spec);
     let full = played.iter().filter(|episode| episode.steps >= max_steps).count();
