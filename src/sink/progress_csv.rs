@@ -51,9 +51,10 @@ impl Observer for ProgressCsv {
         let row = match *event {
             Event::Episode {
                 env_steps, episode, return_, mean_return_100, epsilon, loss, updates, ..
-            } if (episode + 1).is_multiple_of(EPISODES) => {
+            } if episode % EPISODES == EPISODES - 1 => {
                 let loss = loss.map_or(String::new(), |loss| loss.to_string());
-                let episodes = episode + 1;
+                // A metrics.jsonl that somebody has changed can hold any number.
+                let episodes = episode.saturating_add(1);
                 format!(
                     "episode,{env_steps},{episodes},{updates},{epsilon},{loss},{return_},{mean_return_100},,,,,"
                 )
