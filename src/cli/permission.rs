@@ -10,7 +10,7 @@ use crate::config::{Config, EnvironmentConfig};
 /// The user's word for a command that stands in a file.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct AllowCommand {
-    /// Start the program that the run or checkpoint names as its environment, if it does; the command is printed first
+    /// Start the program that the run, checkpoint or study names as its environment, if it does; the command is printed first
     #[arg(long)]
     allow_command: bool,
 }
