@@ -56,7 +56,7 @@ slurmctld -f "$SLURM_CONF"
 slurmd -f "$SLURM_CONF"
 timeout 60 sh -c 'until sinfo --noheader --format %t | grep -q idle; do sleep 0.2; done' || fail 'the node does not come up'
 
-plan() { "$binary" study --set budget.steps=15000 --seeds 0..48 --out "$1" --plan --quiet; }
+plan() { "$binary" study --set budget.steps=15000 --seeds 0..160 --out "$1" --plan --quiet; }
 plan slurm
 plan one
 job=$(sbatch --parsable --array=0-3 "$script" slurm 4)
@@ -64,7 +64,8 @@ timeout 120 sh -c "until squeue --noheader --states R --job $job | grep -q .; do
 running() { squeue --noheader --states R --array --job "$job" --format %K | head -n 1; }
 first=$(running)
 sleep 1
-scancel --signal=TERM "${job}_$first"
+# scancel fails if the task ends while it retries; below it is checked that the task was requeued.
+scancel --signal=TERM "${job}_$first" || true
 timeout 120 sh -c "until squeue --noheader --states R --array --job $job --format %K | grep -qv '^$first\$'; do sleep 0.1; done" ||
     fail 'no other task starts'
 second=$(squeue --noheader --states R --array --job "$job" --format %K | grep -v "^$first\$" | head -n 1)
