@@ -64,8 +64,7 @@ timeout 120 sh -c "until squeue --noheader --states R --job $job | grep -q .; do
 running() { squeue --noheader --states R --array --job "$job" --format %K | head -n 1; }
 first=$(running)
 sleep 1
-# scancel fails if the task ends while it retries; below it is checked that the task was requeued.
-scancel --signal=TERM "${job}_$first" || true
+scancel --signal=TERM "${job}_$first"
 timeout 120 sh -c "until squeue --noheader --states R --array --job $job --format %K | grep -qv '^$first\$'; do sleep 0.1; done" ||
     fail 'no other task starts'
 second=$(squeue --noheader --states R --array --job "$job" --format %K | grep -v "^$first\$" | head -n 1)
