@@ -10,7 +10,7 @@ use super::{
     argmax, td,
 };
 use crate::mirror::Mirror;
-use crate::nn::{Activations, Adam, Loss, Mlp, NetworkConfig, OptimizerConfig, clip_norm};
+use crate::nn::{Activations, Adam, Loss, Mlp, NetworkConfig, OptimizerConfig, Symmetry, clip_norm};
 use crate::rng::{Rng, Stream};
 use crate::tensors::{TensorError, Tensors, weights_sha256};
 
@@ -44,14 +44,26 @@ pub struct DqnConfig {
     pub policy_weights: PolicyWeights,
 }
 
+impl DqnConfig {
+    /// What each of `observation_size` coordinates is divided by.
+    pub fn divisors(&self, observation_size: usize) -> Vec<f32> {
+        match &self.observation_divisors {
+            Some(divisors) => divisors.iter().map(|&divisor| divisor as f32).collect(),
+            None => vec![1.0; observation_size],
+        }
+    }
+}
+
 /// The agent.
 #[derive(Clone, Debug)]
 pub struct Dqn {
     config: DqnConfig,
     /// What each coordinate of an observation is divided by before anything else sees it.
     observation_divisors: Vec<f32>,
-    /// With which samples of a minibatch are reflected, if they are.
+    /// In which the agent sees mirror images, if it does.
     mirror: Option<Mirror>,
+    /// What both networks keep, if they are to be symmetric.
+    symmetry: Option<Symmetry>,
     /// Chooses the actions and learns.
     pub online: Mlp<f32>,
     /// Bootstraps the targets: an older copy or a running mean of `online`. Without a target network it is copied at
@@ -87,7 +99,7 @@ struct Buffers {
 
 impl Dqn {
     /// An agent that knows nothing yet, its streams spawned from `seed`. With `replay.mirror` it reflects half of its samples
-    /// in `mirror`, the mirror image of the task.
+    /// in `mirror`, the mirror image of the task; with `network.symmetric` its networks are their own image in it.
     pub fn new(
         config: DqnConfig,
         observation_size: usize,
@@ -95,17 +107,19 @@ impl Dqn {
         mirror: Option<&Mirror>,
         seed: u64,
     ) -> Self {
-        let online =
+        let mut online =
             Mlp::new(&config.network, observation_size, num_actions, &mut Rng::spawn(seed, Stream::Init));
+        let symmetry =
+            mirror.filter(|_| config.network.symmetric).map(|mirror| Symmetry::new(online.sizes(), mirror));
+        if let Some(symmetry) = &symmetry {
+            symmetry.impose(online.parameters_mut());
+        }
         let (batch_size, updates) = match config.replay.update {
             UpdateMode::Minibatch => (config.replay.batch_size, 1),
             UpdateMode::PerSample => (1, config.replay.batch_size),
         };
         let buffers = Buffers::new(batch_size, updates, online.sizes());
-        let observation_divisors: Vec<f32> = match &config.observation_divisors {
-            Some(divisors) => divisors.iter().map(|&divisor| divisor as f32).collect(),
-            None => vec![1.0; observation_size],
-        };
+        let observation_divisors = config.divisors(observation_size);
         Self {
             target: online.clone(),
             adam: Adam::new(config.optimizer.adam(), online.parameters().len()),
@@ -113,8 +127,9 @@ impl Dqn {
             exploration: EpsilonGreedy::new(config.exploration, Rng::spawn(seed, Stream::Explore)),
             replay_rng: Rng::spawn(seed, Stream::Replay),
             mirror: mirror
-                .filter(|_| config.replay.mirror)
+                .filter(|_| config.replay.mirror || config.network.symmetric)
                 .map(|mirror| mirror.of_divided(&observation_divisors)),
+            symmetry,
             observation_divisors,
             online,
             buffers,
@@ -122,9 +137,18 @@ impl Dqn {
         }
     }
 
-    /// The minibatch of the latest update, its targets, and its gradient as Adam got it.
-    pub fn latest_update(&self) -> (&Minibatch, &[f32], &Mlp<f32>) {
-        (&self.buffers.minibatch, &self.buffers.targets, &self.buffers.gradient)
+    /// The minibatch of the latest update, its targets, and its gradient as Adam got it. A symmetric network has learned from
+    /// the mirror images too, so they follow the samples.
+    pub fn latest_update(&self) -> (Minibatch, Vec<f32>, &Mlp<f32>) {
+        let Buffers { minibatch, targets, gradient, .. } = &self.buffers;
+        let (mut minibatch, mut targets) = (minibatch.clone(), targets.clone());
+        if let Some(mirror) = &self.mirror
+            && self.symmetry.is_some()
+        {
+            minibatch.append_images(mirror);
+            targets.extend_from_within(..);
+        }
+        (minibatch, targets, gradient)
     }
 
     /// One learning step: `learn.updates` minibatches. Returns their mean loss.
@@ -153,10 +177,12 @@ impl Dqn {
     /// # Errors
     /// When the numbers leave the finite.
     pub fn update(&mut self, ages: &[usize]) -> Result<f32, NotFinite> {
-        let Self { config, mirror, online, target, adam, replay, replay_rng, buffers, .. } = self;
+        let Self { config, mirror, symmetry, online, target, adam, replay, replay_rng, buffers, .. } = self;
         let Buffers { minibatch, targets, activations, next_q, gradient, row, .. } = buffers;
         replay.gather(ages, config.n_step, config.gamma as f32, minibatch);
-        if let Some(mirror) = mirror {
+        if let Some(mirror) = mirror
+            && config.replay.mirror
+        {
             minibatch.reflect_half(mirror, replay_rng, row);
         }
         if config.target == TargetUpdate::None {
@@ -169,6 +195,9 @@ impl Dqn {
         let (q, q_gradient) = activations.output_and_gradient_mut();
         let loss = td::loss(config.loss, q, &minibatch.actions, targets, q_gradient);
         online.backward(activations, gradient);
+        if let Some(symmetry) = symmetry {
+            symmetry.average(gradient.parameters_mut());
+        }
         if let Some(max_norm) = config.optimizer.max_gradient_norm {
             clip_norm(gradient.parameters_mut(), max_norm);
         }
@@ -287,7 +316,8 @@ impl Agent for Dqn {
             weights.iter_mut().for_each(|weight| *weight *= divisor);
         }
         self.target.copy_from(&self.online);
-        self.online.parameters().iter().all(|parameter| parameter.is_finite())
+        let parameters = self.online.parameters();
+        parameters.iter().all(|parameter| parameter.is_finite()) && self.is_symmetric(parameters)
     }
 
     fn gamma(&self) -> f64 {
@@ -351,6 +381,11 @@ impl Agent for Dqn {
         }
         self.adam.first_moment = tensors.get("adam.first_moment", &[parameters])?;
         self.adam.second_moment = tensors.get("adam.second_moment", &[parameters])?;
+        let Self { online, target, adam, .. } = &*self;
+        let mirrored = [online.parameters(), target.parameters(), &adam.first_moment];
+        if !mirrored.into_iter().all(|parameters| self.is_symmetric(parameters)) {
+            return Err(TensorError::Inconsistent("symmetric network"));
+        }
         self.replay_rng = tensors.get_rng("replay_rng")?;
         let (inputs, outputs) = (self.online.sizes()[0], self.buffers.acting.output().ncols());
         self.exploration.load(tensors, outputs)?;
@@ -363,6 +398,11 @@ impl Agent for Dqn {
 }
 
 impl Dqn {
+    /// Whether a network, or a gradient by it, has the symmetry that is asked for.
+    fn is_symmetric(&self, parameters: &[f32]) -> bool {
+        self.symmetry.as_ref().is_none_or(|symmetry| symmetry.holds(parameters))
+    }
+
     /// The observations' divisors are folded into the first layer: W x / d = (W / d) x.
     fn policy_network(&self) -> Mlp<f32> {
         let mut policy = match self.config.policy_weights {

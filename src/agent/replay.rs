@@ -97,6 +97,21 @@ impl Minibatch {
         }
     }
 
+    /// Adds the mirror image of every sample.
+    pub fn append_images(&mut self, mirror: &Mirror) {
+        let batch = self.actions.len();
+        for observations in [&mut self.observations, &mut self.next_observations] {
+            *observations = DMatrix::from_fn(2 * batch, observations.ncols(), |sample, feature| {
+                observations[(sample % batch, feature)]
+            });
+        }
+        self.actions.extend_from_within(..);
+        self.rewards.extend_from_within(..);
+        self.discounts.extend_from_within(..);
+        self.terminated.extend_from_within(..);
+        (batch..2 * batch).for_each(|sample| self.reflect(sample, mirror, &mut Vec::new()));
+    }
+
     /// Replaces a sample by its mirror image; `row` is scratch.
     pub fn reflect(&mut self, sample: usize, mirror: &Mirror, row: &mut Vec<f32>) {
         let batch = self.actions.len();

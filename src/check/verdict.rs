@@ -86,7 +86,7 @@ struct Hypothesis {
     found: Vec<(&'static Mistake, Stage)>,
     /// Mistakes that one quantity has and the next have not.
     reported_only: Vec<(&'static Mistake, Stage)>,
-    /// Nothing explains their targets, gradients: what follows is computed from them as they are.
+    /// What follows is computed from their targets or gradients as they are: nothing explains them, or the targets are equal.
     takes_their_targets: bool,
     takes_their_gradients: bool,
 }
@@ -147,6 +147,10 @@ pub fn check(update: &Update) -> Verdict {
                 judged = Judged::new(stage, &search.compute(first, stage, 0), theirs);
                 judged.state = State::Equal;
                 hypotheses = following;
+                // Where two actions are equally good, theirs may have the value of the other one.
+                for hypothesis in &mut hypotheses {
+                    hypothesis.takes_their_targets |= stage == Stage::Targets;
+                }
             }
         }
         quantities.push(judged);

@@ -129,10 +129,13 @@ fn head(text: &mut String, lesson: &Lesson, update: u64) -> std::fmt::Result {
     if config.observation_divisors.is_some() || config.reward_scale != 1.0 {
         writeln!(text, "scales     observations and rewards are shown as the network gets them: scaled")?;
     }
+    let (samples, images) = match lesson.targets.len() {
+        both if config.network.symmetric => (both / 2, ", and their mirror images"),
+        samples => (samples, ""),
+    };
     writeln!(
         text,
-        "minibatch  {} of the {} transitions remembered",
-        lesson.targets.len(),
+        "minibatch  {samples} of the {} transitions remembered{images}",
         lesson.before.replay.len()
     )
 }

@@ -5,6 +5,7 @@ use serde_json::json;
 use super::layer::invalid;
 use super::{Config, ConfigError, MAX_MEMORY};
 use crate::agent::{DqnConfig, PolicyWeights, ReplayConfig, TargetUpdate};
+use crate::nn::Symmetry;
 use crate::trainer::Budget;
 
 /// Checks the rules that concern several keys of a DQN.
@@ -36,6 +37,20 @@ pub(super) fn check(config: &Config, dqn: &DqnConfig, origin: &str) -> Result<()
                 "\"online\"; \"target\" only if `target.kind` is \"soft\", and `target` is {}",
                 json!(dqn.target)
             ),
+        ),
+        (
+            !dqn.network.symmetric || Symmetry::fits(&dqn.network.hidden),
+            "network.hidden",
+            json!(dqn.network.hidden),
+            "an even number of units for each hidden layer, at least one layer, because `network.symmetric` pairs them; or set \
+             that to false"
+                .into(),
+        ),
+        (
+            !(dqn.network.symmetric && dqn.replay.mirror),
+            "replay.mirror",
+            json!(true),
+            "false where `network.symmetric` is true: each sample already teaches its mirror image".into(),
         ),
         (
             config.memory() <= MAX_MEMORY,

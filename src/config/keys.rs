@@ -49,6 +49,7 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("agent", Allowed::OneOf(&[DQN, Q_TABLE]), "", "`dqn`: a network; `q_table`: Q-learning in a table over the cells of a grid, with the keys `table`, `optimizer.learning_rate`, `optimizer.schedule`, `gamma` and `exploration` alone"),
     Key::new("network.hidden", Allowed::LayerSizes, "units", "units of each hidden layer, first to last; `[]` is a linear network"),
     Key::new("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"]), "", "how the weights start"),
+    Key::new("network.symmetric", Allowed::Bool, "", "the network is its own mirror image (left and right exchanged), so that each sample also teaches its image; not every environment has one"),
     Key::new("table.bins", Allowed::PerCoordinate(&Allowed::Bins), "cells", "only `q_table`: the cells of each observation coordinate: a number of equal ones between `low` and `high`, or the list of their inner edges. The outermost cells have no outer edge"),
     Key::new("table.low", Allowed::PerCoordinate(&EDGE), "as the coordinates", "only `q_table`: where the equal cells of each coordinate begin; without effect for a list of edges"),
     Key::new("table.high", Allowed::PerCoordinate(&EDGE), "as the coordinates", "only `q_table`: where they end"),

@@ -77,7 +77,7 @@ impl Default for Config {
             environment: EnvironmentConfig::Named(EnvironmentId::CartPoleV1),
             max_episode_steps: None,
             agent: AgentConfig::Dqn(DqnConfig {
-                network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
+                network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch, symmetric: false },
                 optimizer: OptimizerConfig {
                     learning_rate: 1e-3,
                     beta1: 0.9,
@@ -214,9 +214,10 @@ impl Config {
     /// Checks what the task decides.
     fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
         let size = task.observation_size;
-        let (mirror_key, mirror) = match &self.agent {
-            AgentConfig::Dqn(dqn) => ("replay.mirror", dqn.replay.mirror),
-            AgentConfig::QTable(config) => ("table.mirror", config.table.mirror),
+        let mirrored = match &self.agent {
+            AgentConfig::Dqn(dqn) if dqn.network.symmetric => Some("network.symmetric"),
+            AgentConfig::Dqn(dqn) => dqn.replay.mirror.then_some("replay.mirror"),
+            AgentConfig::QTable(config) => config.table.mirror.then_some("table.mirror"),
         };
         if let AgentConfig::QTable(config) = &self.agent {
             table::check(&config.table, origin, task)?;
@@ -230,9 +231,19 @@ impl Config {
             );
             return Err(invalid(origin, "observation_divisors", &json!(divisors), allowed));
         }
-        if mirror && task.mirror.is_none() {
+        let Some(key) = mirrored else { return Ok(()) };
+        let Some(mirror) = &task.mirror else {
             let allowed = format!("false, because {} is not known to be its own mirror image", task.id);
-            return Err(invalid(origin, mirror_key, &json!(mirror), allowed));
+            return Err(invalid(origin, key, &json!(true), allowed));
+        };
+        let network = self.agent.as_dqn().filter(|dqn| dqn.network.symmetric);
+        if network.is_some_and(|dqn| !mirror.of_divided(&dqn.divisors(size)).is_isometric()) {
+            let allowed = format!(
+                "false, because the mirror image of {} exchanges coordinates of different scales; divide them by \
+                 `observation_divisors` that make them alike",
+                task.id
+            );
+            return Err(invalid(origin, key, &json!(true), allowed));
         }
         Ok(())
     }

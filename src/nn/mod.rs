@@ -15,6 +15,7 @@ pub mod kernels;
 mod loss;
 mod mlp;
 mod optimizer;
+mod symmetry;
 
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +25,7 @@ pub use kernels::{Float, Kernels};
 pub use loss::Loss;
 pub use mlp::{Activations, Mlp};
 pub use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm};
+pub use symmetry::Symmetry;
 
 /// The shape and the start of the Q-network.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,6 +35,9 @@ pub struct NetworkConfig {
     pub hidden: Vec<usize>,
     /// How the weights start.
     pub init: Init,
+    /// Whether the network is its own mirror image, see [`Symmetry`].
+    #[serde(default)]
+    pub symmetric: bool,
 }
 
 impl NetworkConfig {

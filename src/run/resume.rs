@@ -97,7 +97,10 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
         Ok(copy)
     } else {
         let why = match policy {
-            Policy::Network(_) => "its weights become infinite under the run's `observation_divisors`",
+            Policy::Network(_) => {
+                "its weights do not fit the run: they become infinite under its `observation_divisors`, or are not \
+                 symmetric as its `network.symmetric` wants them"
+            }
             Policy::Table(_) => {
                 "its table has other edges than that of the run; give the run its `table.bins`"
             }

@@ -12,7 +12,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("memory", &[]),
     ("text", &[]),
     ("files", &[]),
-    ("nn", &["rng"]),
+    ("nn", &["rng", "mirror"]),
     ("env", &["rng", "mirror"]),
     ("tensors", &["rng", "nn"]),
     ("agent", &["rng", "mirror", "nn", "tensors"]),

@@ -39,7 +39,7 @@ fn the_default_is_the_documented_plain_dqn() {
         "environment": "CartPole-v1",
         "max_episode_steps": null,
         "agent": "dqn",
-        "network": {"hidden": [24, 24], "init": "torch"},
+        "network": {"hidden": [24, 24], "init": "torch", "symmetric": false},
         "optimizer": {
             "learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8,
             "max_gradient_norm": null, "schedule": null,
