@@ -98,8 +98,8 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
     } else {
         let why = match policy {
             Policy::Network(_) => {
-                "its weights do not fit the run: they become infinite under its `observation_divisors`, or are not \
-                 symmetric as its `network.symmetric` wants them"
+                "its weights become infinite under the run's `observation_divisors`, or they are not symmetric; \
+                 --set network.symmetric=false takes them as they are"
             }
             Policy::Table(_) => {
                 "its table has other edges than that of the run; give the run its `table.bins`"
