@@ -1,11 +1,12 @@
 //! CartPole and Acrobot are their own mirror images, and `replay.mirror` and `network.symmetric` make use of it.
 
-use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Policy, Replay, Transition, td};
+use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition, td};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{Acrobot, CartPole, Environment};
 use cartpole_dqn::mirror::Mirror;
 use cartpole_dqn::nn::{Activations, Init, Loss, Mlp, NetworkConfig, Symmetry};
 use cartpole_dqn::rng::Rng;
+use cartpole_dqn::tensors::Tensors;
 use nalgebra::DMatrix;
 
 use super::tasks::random_steps;
@@ -245,7 +246,13 @@ fn learning_keeps_a_network_symmetric_to_the_bit() {
     let mut other = experienced(&["network.symmetric=true"], false);
     assert!(other.start_from(&agent.policy()));
     assert!(!other.start_from(&experienced(&[], false).policy()), "its policy is not symmetric");
-    assert!(matches!(other.policy(), Policy::Network(_)));
+    let mut saved = Tensors::default();
+    agent.save(&mut saved);
+    other.load(&saved, 60).unwrap();
+    assert_eq!(other.online, agent.online);
+    let mut saved = Tensors::default();
+    experienced(&[], false).save(&mut saved);
+    assert!(other.load(&saved, 60).unwrap_err().to_string().contains("symmetric network"));
 }
 
 #[test]
@@ -254,6 +261,9 @@ fn a_network_that_cannot_be_symmetric_is_refused() {
         let sets: Vec<String> = sets.iter().map(ToString::to_string).collect();
         Config::from_layers(None, &sets).unwrap_err().to_string()
     };
+    // What a mirror exchanges must have one scale.
+    assert!(!odd_mirror().of_divided(&[0.5, 4.0, 2.0]).is_isometric());
+    assert!(odd_mirror().of_divided(&[4.0, 4.0, 2.0]).is_isometric());
     let on = "network.symmetric=true";
     assert!(refusal(&[on, "network.hidden=[8,7]"]).contains("even number of units"));
     assert!(refusal(&[on, "network.hidden=[]"]).contains("at least one layer"));
