@@ -60,7 +60,7 @@ pub enum NoLesson {
 /// When the run ends or fails before.
 pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
     let mut unevaluated = config.clone();
-    if !config.stop_when_solved {
+    if !config.stop_when_solved && config.stop_when_lasting_steps.is_none() {
         // Evaluations change nothing in a run.
         unevaluated.evaluation.every_steps = u64::MAX;
     }

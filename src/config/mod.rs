@@ -68,6 +68,8 @@ pub struct Config {
     pub checkpoint: CheckpointConfig,
     /// Whether the run ends at the first evaluation that solves the task.
     pub stop_when_solved: bool,
+    /// The steps that a policy must last to end the run; none if no policy does.
+    pub stop_when_lasting_steps: Option<u32>,
 }
 
 impl Default for Config {
@@ -109,6 +111,7 @@ impl Default for Config {
             evaluation: EvaluationConfig { every_steps: 1000, episodes: 20 },
             checkpoint: CheckpointConfig { every_steps: 10_000 },
             stop_when_solved: false,
+            stop_when_lasting_steps: None,
         }
     }
 }
@@ -344,6 +347,7 @@ impl Config {
             evaluation: self.evaluation.clone(),
             checkpoint: self.checkpoint.clone(),
             stop_when_solved: self.stop_when_solved,
+            stop_when_lasting_steps: self.stop_when_lasting_steps,
         }
     }
 }

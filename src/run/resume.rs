@@ -194,6 +194,10 @@ fn has_ended(reason: EndReason, steps: u64, episodes: u64) -> String {
         EndReason::Solved => {
             format!("the run solved its task after {steps} steps and ended there; there is nothing to resume")
         }
+        EndReason::Lasting => format!(
+            "the run ended after {steps} steps with a policy that lasts; to train on all the same, say --set \
+             stop_when_lasting_steps=null"
+        ),
         _ => format!(
             "the run has ended after {steps} steps and {episodes} episodes; to extend it, give it a larger budget, \
              for example --set budget.steps={}",
@@ -244,22 +248,27 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
         Some(difference) => Err(bad(
             path,
             format!(
-                "holds a run with other settings: {difference}. A resumed run can change only its budget and its schedules \
-                 (optimizer.schedule, optimizer.learning_rate, a linear exploration); to train with other settings, \
-                 start a new run without --resume"
+                "holds a run with other settings: {difference}. A resumed run can change only its budget, its schedules \
+                 (optimizer.schedule, optimizer.learning_rate, a linear exploration) and stop_when_lasting_steps to null; \
+                 to train with other settings, start a new run without --resume"
             ),
         )),
     }
 }
 
-/// What makes two configs different runs: not the budget, and not the schedules, which a resumed run may change.
+/// What makes two configs different runs: not what a resumed run may change, its budget and its schedules, or that it trains
+/// on with a policy that lasts.
 fn other_run(recorded: &Config, given: &Config) -> Option<String> {
     let are_linear =
         [recorded, given].map(|config| matches!(config.agent.exploration(), Exploration::Linear { .. }));
+    let trains_on = given.stop_when_lasting_steps.is_none();
     let comparable = |config: &Config| {
         let mut value = json!(config);
         value["budget"] = Value::Null;
         value["optimizer"]["schedule"] = Value::Null;
+        if trains_on {
+            value["stop_when_lasting_steps"] = Value::Null;
+        }
         value["optimizer"]["learning_rate"] = Value::Null;
         if are_linear == [true; 2] {
             value["exploration"] = Value::Null;
@@ -323,7 +332,7 @@ pub fn load(path: &Path, config: &Config) -> Result<Trainer, CheckpointError> {
         let checkpoint = Checkpoint::read_unnamed(path)?;
         let header: Header = checkpoint.header()?;
         let progress = header.progress.ok_or(CheckpointProblem::NotResumable)?;
-        if let Some(difference) = other_run(config, &header.config) {
+        if let Some(difference) = other_run(&header.config, config) {
             return Err(CheckpointProblem::OtherRun(difference));
         }
         config.check_memory(1).map_err(CheckpointProblem::Memory)?;

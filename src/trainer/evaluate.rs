@@ -7,6 +7,7 @@ use std::thread;
 
 use serde::Serialize;
 
+use super::EVALUATION_SEED;
 use crate::agent::{Actor, Played, Policy, Probes};
 use crate::env::scene::Scene;
 use crate::env::{Environment, EnvironmentError, Image, Make, Outcome, Start};
@@ -14,6 +15,8 @@ use crate::rng::Rng;
 
 /// Most episodes that are played at the same time.
 const LOCKSTEP: u64 = 128;
+/// From how many starts a policy has to last, see [`lasts`].
+pub const LASTING_EPISODES: u64 = 200;
 
 /// Plays a policy greedily in `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as Gymnasium's
 /// `reset(seed=…)` starts them, each truncated after `max_steps` steps. Returns are those of the first steps, as many as the
@@ -32,17 +35,51 @@ pub fn evaluate(
     episodes: u64,
     gamma: f64,
 ) -> Result<Vec<Played>, EnvironmentError> {
+    play_all(policy, make, max_steps, first_seed, episodes, gamma, Until::AllHaveEnded)
+}
+
+/// Whether a policy, played greedily from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates. The
+/// starts are those of the evaluations and those of the seeds after them.
+///
+/// # Errors
+/// When the environment fails.
+pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Result<bool, EnvironmentError> {
+    let until = Until::OneTerminates;
+    let played = play_all(policy, make, steps, EVALUATION_SEED, LASTING_EPISODES, 1.0, until)?;
+    Ok(played.iter().all(|episode| !episode.terminated))
+}
+
+/// When to stop playing.
+#[derive(Clone, Copy, PartialEq)]
+enum Until {
+    AllHaveEnded,
+    /// Episodes after the first termination may be missing, or stop where they are.
+    OneTerminates,
+}
+
+fn play_all(
+    policy: &Policy,
+    make: &Make,
+    max_steps: u32,
+    first_seed: u64,
+    episodes: u64,
+    gamma: f64,
+    until: Until,
+) -> Result<Vec<Played>, EnvironmentError> {
     let processes = make(max_steps)?.processes();
     if let Some(processes) = processes {
-        return in_processes(processes, episodes, |episode| {
+        return in_processes(processes, episodes, until, |episode| {
             let seed = std::iter::once(first_seed.wrapping_add(episode));
-            Ok(lockstep(policy, make, max_steps, seed, gamma)?.remove(0))
+            Ok(lockstep(policy, make, max_steps, seed, gamma, until)?.remove(0))
         });
     }
-    let mut played = Vec::new();
+    let mut played: Vec<Played> = Vec::new();
     for start in (0..episodes).step_by(LOCKSTEP as usize) {
         let seeds = (start..episodes.min(start + LOCKSTEP)).map(|episode| first_seed.wrapping_add(episode));
-        played.extend(lockstep(policy, make, max_steps, seeds, gamma)?);
+        played.extend(lockstep(policy, make, max_steps, seeds, gamma, until)?);
+        if until == Until::OneTerminates && played.iter().any(|episode| episode.terminated) {
+            break;
+        }
     }
     Ok(played)
 }
@@ -51,6 +88,7 @@ pub fn evaluate(
 fn in_processes(
     processes: usize,
     episodes: u64,
+    until: Until,
     play: impl Fn(u64) -> Result<Played, EnvironmentError> + Sync,
 ) -> Result<Vec<Played>, EnvironmentError> {
     let next = AtomicU64::new(0);
@@ -62,7 +100,8 @@ fn in_processes(
                 break;
             }
             let played = play(episode);
-            if played.is_err() {
+            let is_over = |played: &Played| until == Until::OneTerminates && played.terminated;
+            if played.as_ref().map_or(true, is_over) {
                 next.store(episodes, Ordering::Relaxed);
             }
             ended.lock().unwrap_or_else(PoisonError::into_inner).insert(episode, played);
@@ -88,6 +127,7 @@ fn lockstep(
     max_steps: u32,
     seeds: impl Iterator<Item = u64>,
     gamma: f64,
+    until: Until,
 ) -> Result<Vec<Played>, EnvironmentError> {
     let mut playing = Vec::new();
     for (index, seed) in seeds.enumerate() {
@@ -132,6 +172,9 @@ fn lockstep(
         });
         if let Some(error) = failed {
             return Err(error);
+        }
+        if until == Until::OneTerminates && played.iter().any(|episode| episode.terminated) {
+            break;
         }
         discount *= gamma;
     }

@@ -78,6 +78,8 @@ pub enum EndReason {
     Budget,
     /// An evaluation solved the task, and `stop_when_solved` is set.
     Solved,
+    /// The policy of an evaluation lasts the steps of `stop_when_lasting_steps`.
+    Lasting,
     /// Somebody stopped the run, which can be resumed from its checkpoint. No event and no file says so.
     #[serde(skip)]
     Interrupted,

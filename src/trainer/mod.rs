@@ -17,7 +17,9 @@ use crate::env::{EnvironmentError, Make, Spec};
 use crate::tensors::{TensorError, Tensors};
 use episode::Episode;
 
-pub use evaluate::{Frame, Recording, Score, TraceStep, evaluate, film, play, record};
+pub use evaluate::{
+    Frame, LASTING_EPISODES, Recording, Score, TraceStep, evaluate, film, lasts, play, record,
+};
 pub use event::{EndReason, Event};
 pub use observer::{CheckpointKind, DueCheckpoint, Fanout, Observer};
 pub use progress::{Evaluation, Progress, Summary};
@@ -129,7 +131,7 @@ impl Trainer {
         })
     }
 
-    /// Trains until the budget is used up, or the task is solved if that is to end the run.
+    /// Trains until the budget is used up, or until an evaluation is good enough if that is to end the run.
     ///
     /// When `stop` is set, the run finishes the current step, offers a last checkpoint and returns
     /// [`EndReason::Interrupted`]. It neither evaluates nor emits an event, so a resumed run repeats nothing. For the same
@@ -217,7 +219,17 @@ impl Trainer {
         let is_better = self.progress.best_evaluation.is_none_or(|best| score.mean > best.mean);
         let mean_length =
             played.iter().map(|episode| episode.steps as f64).sum::<f64>() / played.len() as f64;
-        let event = self.progress.count_evaluation(&score, mean_length, self.spec.is_solved_by(score.mean));
+        let solved = self.spec.is_solved_by(score.mean);
+        let solved_before =
+            self.progress.last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean));
+        if let Some(steps) = self.config.stop_when_lasting_steps
+            && solved_before
+            && solved
+            && lasts(&policy, &*self.make, steps)?
+        {
+            self.progress.lasting_at_step.get_or_insert(self.progress.env_steps);
+        }
+        let event = self.progress.count_evaluation(&score, mean_length, solved);
         if let Event::Evaluation { best: true, .. } = event {
             self.best_policy = Some(policy);
             self.best_is_saved = false;
@@ -315,6 +327,9 @@ impl Trainer {
         self.best_is_saved = false;
         self.saved_at = Some(progress.env_steps);
         self.progress = progress;
+        if self.config.stop_when_lasting_steps.is_none() {
+            self.progress.lasting_at_step = None;
+        }
         Ok(self)
     }
 
@@ -330,9 +345,14 @@ impl Trainer {
 
     /// Why the run is over, if it is.
     pub fn end_reason(&self) -> Option<EndReason> {
-        let used_up = self.progress.uses_up(self.config.budget);
-        let solved = self.config.stop_when_solved && self.progress.solved_at_step.is_some();
-        if solved { Some(EndReason::Solved) } else { used_up.then_some(EndReason::Budget) }
+        let TrainerConfig { budget, stop_when_solved, stop_when_lasting_steps, .. } = self.config;
+        if stop_when_solved && self.progress.solved_at_step.is_some() {
+            return Some(EndReason::Solved);
+        }
+        if stop_when_lasting_steps.is_some() && self.progress.lasting_at_step.is_some() {
+            return Some(EndReason::Lasting);
+        }
+        self.progress.uses_up(budget).then_some(EndReason::Budget)
     }
 
     fn emit(&mut self, observer: &mut dyn Observer, event: &Event) -> Result<(), TrainError> {

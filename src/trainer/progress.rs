@@ -33,6 +33,9 @@ pub struct Progress {
     pub last_evaluation: Option<Evaluation>,
     /// Environment steps before the first evaluation that solved the task.
     pub solved_at_step: Option<u64>,
+    /// Environment steps before the first evaluation whose policy lasts, where the run looks for one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lasting_at_step: Option<u64>,
     /// Environment steps after which a resumed run was given other schedules, the latest time: no single config repeats
     /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]

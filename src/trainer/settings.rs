@@ -13,6 +13,8 @@ pub struct TrainerConfig {
     pub evaluation: EvaluationConfig,
     pub checkpoint: CheckpointConfig,
     pub stop_when_solved: bool,
+    /// The steps that a policy must last, see [`lasts`](super::lasts), to end the run.
+    pub stop_when_lasting_steps: Option<u32>,
 }
 
 /// When a run ends.

@@ -77,6 +77,35 @@ fn a_run_with_a_larger_budget_is_the_run_that_had_it_from_the_start() {
 }
 
 #[test]
+fn a_run_that_ended_with_a_policy_that_lasts_can_train_on() {
+    let sandbox = Sandbox::new();
+    let train = |arguments: &[&str]| {
+        let budget = ["train", "--set", "budget.steps=5500", "--set", "checkpoint.every_steps=1000"];
+        sandbox.run(&[&budget[..], arguments].concat()).success()
+    };
+    train(&["--out", "whole", "--quiet", "--set", "stop_when_lasting_steps=null"]);
+    let ended = "ended      the policy lasts 600 steps from 200 starts (stop_when_lasting_steps)";
+    train(&["--out", "parts", "--set", "stop_when_lasting_steps=600"])
+        .stdout(predicate::str::contains(ended));
+    let steps = sandbox.json("parts/summary.json")["env_steps"].as_u64().unwrap();
+    assert!(steps < 5500, "{steps}");
+    sandbox.run(&["verify", "parts", "--quiet"]).success();
+
+    let before = sandbox.files();
+    let noted =
+        format!("the run ended after {steps} steps with a policy that lasts; to train on all the same");
+    let resume = |arguments: &[&str]| sandbox.run(&[&["train", "--resume", "parts"], arguments].concat());
+    resume(&["--set", "budget.steps=9000"]).success().stdout("").stderr(predicate::str::contains(noted));
+    assert!(before == sandbox.files());
+    resume(&["--set", "stop_when_lasting_steps=700"]).code(2).stderr(predicate::str::contains("to null"));
+    assert!(before == sandbox.files());
+
+    resume(&["--quiet", "--set", "stop_when_lasting_steps=null"]).success();
+    assert_same_runs(&sandbox, "whole", "parts");
+    sandbox.run(&["verify", "parts", "--quiet"]).success();
+}
+
+#[test]
 fn a_budget_of_episodes_can_grow_too_and_become_one_of_steps() {
     let sandbox = Sandbox::new();
     let tiny: Vec<&str> = TINY.iter().copied().filter(|set| !set.starts_with("budget")).collect();
@@ -237,7 +266,7 @@ fn a_config_that_was_changed_by_hand_is_refused() {
     let changed = sandbox.read("run/config.json").replace("\"gamma\": 0.999", "\"gamma\": 0.98");
     sandbox.write("run/config.json", changed);
     let arguments = ["train", "--resume", "run", "--set", "budget.steps=300"];
-    sandbox.refuses(&arguments, &[LAST, "does not belong to the config.json", "`gamma` is 0.98, and 0.999"]);
+    sandbox.refuses(&arguments, &[LAST, "does not belong to the config.json", "`gamma` is 0.999, and 0.98"]);
 }
 
 #[test]

@@ -9,8 +9,8 @@ use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{CartPole, EnvironmentError};
 use cartpole_dqn::tensors::weights_sha256;
 use cartpole_dqn::trainer::{
-    CheckpointKind, DueCheckpoint, EndReason, Event, Observer, Score, Snapshot, TrainError, Trainer,
-    evaluate, play,
+    CheckpointKind, DueCheckpoint, EVALUATION_SEED, EndReason, Event, LASTING_EPISODES, Observer, Score,
+    Snapshot, TrainError, Trainer, evaluate, play,
 };
 
 use super::tasks::{TwoStates, bytes_of, cartpole, dqn, random_steps, resumed};
@@ -92,6 +92,64 @@ fn stops_when_solved_if_asked_to() {
     let mut trainer = two_states(&config(&[&SMALL[..], &["stop_when_solved=true"]].concat()));
     assert_eq!(trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap(), EndReason::Solved);
     assert_eq!(trainer.progress().solved_at_step, Some(trainer.progress().env_steps));
+}
+
+/// The policy and the mean return of every evaluation.
+#[derive(Default)]
+struct Evaluated(Vec<Policy>, Vec<f64>);
+
+impl Observer for Evaluated {
+    fn event(&mut self, event: &Event) -> std::io::Result<()> {
+        if let Event::Evaluation { mean, .. } = *event {
+            self.1.push(mean);
+        }
+        Ok(())
+    }
+    fn policy(&mut self, policy: &Policy) {
+        self.0.push(policy.clone());
+    }
+}
+
+/// Beside a plain search: the first evaluation that solves the task like the one before it, with a policy of which no
+/// episode terminates.
+#[test]
+fn a_run_ends_with_the_first_policy_that_lasts_if_asked_to() {
+    let text = include_str!("../../configs/cartpole.json");
+    let lasts_plainly = |policy: &Policy| {
+        let played = evaluate(policy, &cartpole, 3000, EVALUATION_SEED, LASTING_EPISODES, 1.0).unwrap();
+        played.iter().all(|episode| !episode.terminated)
+    };
+    let mut failed_the_test = 0;
+    for seed in 0..6 {
+        let run = |limit: &str| {
+            let sets = [format!("seed={seed}"), "budget.steps=6000".into(), limit.into()];
+            let mut trainer = trainer(&Config::from_layers(Some(("cartpole.json", text)), &sets).unwrap());
+            let mut evaluated = Evaluated::default();
+            let reason = trainer.run(&mut evaluated, &NEVER).unwrap();
+            (trainer, evaluated, reason)
+        };
+        let (_, Evaluated(policies, means), _) = run("stop_when_lasting_steps=null");
+        let solve = |k: usize| means[k - 1] >= 475.0 && means[k] >= 475.0;
+        let first = (1..means.len()).find(|&k| solve(k) && lasts_plainly(&policies[k]));
+        failed_the_test += (1..first.unwrap_or(means.len())).filter(|&k| solve(k)).count();
+
+        let (trainer, evaluated, reason) = run("stop_when_lasting_steps=3000");
+        let (expected, evaluations) =
+            first.map_or((EndReason::Budget, means.len()), |k| (EndReason::Lasting, k + 1));
+        assert_eq!((reason, evaluated.1.len()), (expected, evaluations), "seed {seed}");
+        assert_eq!(trainer.progress().env_steps, 500 * evaluations as u64);
+        assert_eq!(evaluated.1[..], means[..evaluations], "the run before its end is the same");
+    }
+    assert!(failed_the_test > 0, "some policies solve the task and do not last");
+}
+
+/// Nothing in this task terminates, and no policy of it lasts before two evaluations in a row have solved it.
+#[test]
+fn a_policy_that_solves_the_task_once_does_not_end_the_run() {
+    let mut trainer = two_states(&config(&[&SMALL[..], &["stop_when_lasting_steps=50"]].concat()));
+    assert_eq!(trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap(), EndReason::Lasting);
+    let solved_at_step = trainer.progress().solved_at_step.unwrap();
+    assert!(trainer.progress().env_steps >= solved_at_step + 500);
 }
 
 #[test]
