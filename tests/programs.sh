@@ -16,7 +16,7 @@ cc -O2 -Wall -Wextra -Werror -ffp-contract=off -o dock "$repository/adapters/exa
 
 # CartPole-v1 through the adapter is our own CartPole-v1: the same returns of the same policy on the same seeds.
 adapter() { printf '{"command": ["python3", "%s/adapters/gymnasium.py"%s]}' "$repository" "$(printf ', "%s"' "$@")"; }
-short=(--set budget.steps=1500 --set network.symmetric=false --set evaluation.every_steps=500 --quiet)
+short=(--set budget.steps=1500 --set replay.mirror=false --set evaluation.every_steps=500 --quiet)
 "$binary" train --set "environment=$(adapter CartPole-v1 --return-range 0 500)" "${short[@]}" --out cartpole
 "$binary" eval cartpole --allow-command --episodes 20 --json > theirs.json
 python3 - "$binary" <<'PY'

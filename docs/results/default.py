@@ -32,11 +32,12 @@ trials.sort(key=lambda trial: trial["seed"])
 with open(HERE / "default/seeds.csv", "w", newline="") as file:
     rows = csv.writer(file, lineterminator="\n")
     rows.writerow(["seed", "best_mean", "best_env_steps", "final_mean", "best_endured", "final_endured",
-                   "solved_at_step", "weights_sha256"])
+                   "solved_at_step", "env_steps", "end_reason", "weights_sha256"])
     for trial in trials:
         best, final, summary = trial["best"], trial["final"], trial["summary"]
         rows.writerow([trial["seed"], best["mean"], best["env_steps"], final["mean"], best["endured"],
-                       final["endured"], summary["solved_at_step"], summary["weights_sha256"]])
+                       final["endured"], summary["solved_at_step"], summary["env_steps"], summary["end_reason"],
+                       summary["weights_sha256"]])
 for name in ["report.json", "study.json", "learning_curves.svg", "performance_profile.svg", "steps_to_solve.svg"]:
     shutil.copy(study / name, HERE / "default" / name)
 
@@ -44,6 +45,9 @@ config = json.loads((study / "report.json").read_text())["configs"][0]
 solve, endurance, count = config["steps_to_solve"], config["endurance"], config["seeds"]
 share = lambda estimate: "{:.1f} % [{:.1f}, {:.1f}]".format(*(100 * estimate[k] for k in ["value", "low", "high"]))
 number = lambda estimate: "{value:.1f} [{low:.1f}, {high:.1f}]".format(**estimate)
+ends = sorted(trial["summary"]["env_steps"] for trial in trials)
+quantile = lambda share: f"{ends[int(share * (count - 1))]:,}"
+lasting = sum(trial["summary"]["end_reason"] == "lasting" for trial in trials)
 lowest = min(trial["best"]["mean"] for trial in trials)
 failing = [
     f"seed {trial['seed']} (best {trial['best']['mean']:.1f}, final {trial['final']['mean']:.1f})"
@@ -57,6 +61,8 @@ table = f"""| | measured |
 | final IQM | {number(config['final_iqm'])} |
 | final mean | {number(config['final_mean'])} |
 | steps to the first solving evaluation: 10 %, 50 %, 90 % of seeds | {solve['q10']:,}, {solve['q50']:,}, {solve['q90']:,}; never on {solve['never']} |
+| runs that ended with a policy that passed their own test | {lasting:,} of {count:,} |
+| steps at the end of the run: 10 %, 50 %, 90 %, all of the seeds | {quantile(0.1)}, {quantile(0.5)}, {quantile(0.9)}, {quantile(1)} |
 | best checkpoint lasts | {endurance['best']:,} of {count:,} ({share(endurance['best_share'])}) |
 | final policy lasts | {endurance['final']:,} of {count:,} ({share(endurance['final_share'])}) |
 

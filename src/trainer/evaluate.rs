@@ -16,7 +16,7 @@ use crate::rng::Rng;
 /// Most episodes that are played at the same time.
 const LOCKSTEP: u64 = 128;
 /// From how many starts a policy has to last, see [`lasts`].
-pub const LASTING_EPISODES: u64 = 200;
+pub const LASTING_EPISODES: u64 = 150;
 
 /// Plays a policy greedily in `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as Gymnasium's
 /// `reset(seed=…)` starts them, each truncated after `max_steps` steps. Returns are those of the first steps, as many as the

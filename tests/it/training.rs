@@ -610,7 +610,8 @@ fn the_best_policy_is_the_latest_of_equals() {
 #[test]
 fn a_longer_time_limit_is_seen_in_training_and_in_no_score() {
     let text = include_str!("../../configs/fast.json");
-    let sets = ["max_episode_steps=900".to_owned(), "budget.steps=6000".to_owned()];
+    let sets =
+        ["max_episode_steps=900", "budget.steps=6000", "stop_when_lasting_steps=null"].map(String::from);
     let config = Config::from_layers(Some(("fast.json", text)), &sets).unwrap();
     let mut events: Vec<Event> = Vec::new();
     trainer(&config).run(&mut events, &NEVER).unwrap();

@@ -182,6 +182,7 @@ function frame(now) {
 }
 
 function rightEnd() {
+  if (run.state.end) return run.state.env_steps;
   const { steps } = run.config?.budget ?? {};
   return steps ?? Math.max(1000, ...run.episodes.slice(-1).map(one => 1.05 * one.env_steps));
 }

@@ -31,7 +31,8 @@ function story({ config, evaluations, statistics, state, failure }) {
       'CartPole counts as solved from 475; 500 is the most that an episode can give.',
     ];
     if (lowest.mean < 0.6 * SOLVED) lines.push(`On the way ${returns(lowest)}, the lowest since. It has recovered to ${rounded(latest.mean)}.`);
-    if (state.end) lines.push(`The run has ended. The latest evaluation has a mean return of ${rounded(latest.mean)}.`);
+    if (state.end === 'lasting') lines.push(`The run has ended, because this policy lasts ${number(config.stop_when_lasting_steps)} steps too.`);
+    else if (state.end) lines.push(`The run has ended. The latest evaluation has a mean return of ${rounded(latest.mean)}.`);
     return lines;
   }
   if (state.end) {
