@@ -4,13 +4,14 @@ use std::fmt::Write;
 use std::path::Path;
 
 use clap::Args;
-use serde_json::json;
 
 use super::policy::{Found, Place};
 use super::ui::{Failure, print};
 use crate::agent::Policy;
 use crate::env::Spec;
-use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, final_evaluation};
+use crate::run::{
+    Checkpoint, CheckpointError, CheckpointProblem, Header, config_of_checkpoint, final_evaluation,
+};
 use crate::text::{shown, visible};
 
 /// Print what is in a checkpoint: of which step it is, how it was evaluated, its policy and the hash of its weights.
@@ -69,10 +70,7 @@ fn describe(checkpoint: &Checkpoint, task: &Spec, all: bool) -> Result<String, C
         let _ = writeln!(text, "tensor      {} {dtype:?} {shape:?}", visible(name));
     }
     if let Some(header) = &header {
-        let mut config = json!(header.config);
-        // A checkpoint does not say it.
-        config.as_object_mut().map(|keys| keys.shift_remove("budget"));
-        let config = serde_json::to_string_pretty(&config).unwrap_or_default();
+        let config = serde_json::to_string_pretty(&config_of_checkpoint(&header.config)).unwrap_or_default();
         let _ = writeln!(text, "config      {}", config.replace('\n', "\n            "));
     }
     Ok(text)

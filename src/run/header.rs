@@ -4,7 +4,7 @@ use std::io;
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{Checkpoint, CheckpointProblem};
 use crate::agent::{Greedy, Policy};
@@ -19,8 +19,7 @@ pub struct Header {
     pub env_steps: u64,
     /// The latest evaluation; in `best.safetensors` that of the policy itself.
     pub evaluation: Option<Evaluation>,
-    /// The run's config. A checkpoint does not hold the budget: a run that is extended leaves the bytes of one that had the
-    /// larger budget from the start.
+    /// The run's config, in a file as [`config_of_checkpoint`] has it.
     #[serde(deserialize_with = "config_with_defaults")]
     pub config: Config,
     /// The counters of the run, in `last.safetensors` only.
@@ -34,6 +33,16 @@ fn config_with_defaults<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Co
     Config::from_layers(Some(("config", &text)), &[]).map_err(D::Error::custom)
 }
 
+/// A config as a checkpoint holds it, without what says when the run ends: a run that is extended leaves the bytes of one that
+/// had the larger budget from the start.
+pub fn config_of_checkpoint(config: &Config) -> Value {
+    let mut value = json!(config);
+    for key in ["budget", "stop_when_lasting_steps"] {
+        value.as_object_mut().map(|keys| keys.shift_remove(key));
+    }
+    value
+}
+
 impl Checkpoint {
     /// The checkpoint of a run with this config.
     ///
@@ -42,7 +51,7 @@ impl Checkpoint {
     pub fn of_run(config: &Config, snapshot: Snapshot) -> io::Result<Self> {
         let Snapshot { env_steps, evaluation, progress, tensors } = snapshot;
         let mut header = json!(Header { env_steps, evaluation, config: config.clone(), progress });
-        header["config"].as_object_mut().map(|keys| keys.shift_remove("budget"));
+        header["config"] = config_of_checkpoint(config);
         let mut checkpoint = Self::new(&header)?;
         checkpoint.tensors = tensors;
         Ok(checkpoint)

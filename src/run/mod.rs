@@ -17,7 +17,7 @@ use crate::text::shown;
 
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointProblem, FORMAT_VERSION, seal};
 pub use dir::{RunDir, checkpoint_of, final_evaluation};
-pub use header::{Header, SavedPolicy};
+pub use header::{Header, SavedPolicy, config_of_checkpoint};
 pub use record::{Record, Recorder};
 pub use resume::{Resumed, Started, first_step, load, resume, start, start_again};
 pub use verify::{Extent, compare_files, compare_summaries, read_summary};

@@ -183,7 +183,7 @@ pub fn resume(
              repeats it, so `verify` refuses it"
         ));
     }
-    trainer.save_best(&mut recorder).map_err(|error| RunError::Failed(error.to_string()))?;
+    trainer.save_last(&mut recorder).map_err(|error| RunError::Failed(error.to_string()))?;
     notes.extend(schedules_that_have_ended(&config, steps, config.budget != recorded.budget));
     Ok(Resumed::Run(Box::new(Started { dir, config, trainer, recorder, notes })))
 }
@@ -243,7 +243,10 @@ fn schedules_that_have_ended(config: &Config, env_steps: u64, is_extended: bool)
 /// The run's config with what `--set` changes, which may be the budget and the schedules alone.
 fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<Config, RunError> {
     let config = Config::from_layers(Some(("the run's config", &json!(recorded).to_string())), sets)?;
-    match other_run(recorded, &config) {
+    let (before, now) = (recorded.stop_when_lasting_steps, config.stop_when_lasting_steps);
+    let other_end = (now.is_some() && now != before)
+        .then(|| format!("its `stop_when_lasting_steps` is {}, and {} is given", json!(before), json!(now)));
+    match other_run(recorded, &config).or(other_end) {
         None => Ok(config),
         Some(difference) => Err(bad(
             path,
@@ -256,19 +259,15 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
     }
 }
 
-/// What makes two configs different runs: not what a resumed run may change, its budget and its schedules, or that it trains
-/// on with a policy that lasts.
+/// What makes two configs different runs: not when they end, and not the schedules, which a resumed run may change.
 fn other_run(recorded: &Config, given: &Config) -> Option<String> {
     let are_linear =
         [recorded, given].map(|config| matches!(config.agent.exploration(), Exploration::Linear { .. }));
-    let trains_on = given.stop_when_lasting_steps.is_none();
     let comparable = |config: &Config| {
         let mut value = json!(config);
         value["budget"] = Value::Null;
         value["optimizer"]["schedule"] = Value::Null;
-        if trains_on {
-            value["stop_when_lasting_steps"] = Value::Null;
-        }
+        value["stop_when_lasting_steps"] = Value::Null;
         value["optimizer"]["learning_rate"] = Value::Null;
         if are_linear == [true; 2] {
             value["exploration"] = Value::Null;
@@ -332,7 +331,7 @@ pub fn load(path: &Path, config: &Config) -> Result<Trainer, CheckpointError> {
         let checkpoint = Checkpoint::read_unnamed(path)?;
         let header: Header = checkpoint.header()?;
         let progress = header.progress.ok_or(CheckpointProblem::NotResumable)?;
-        if let Some(difference) = other_run(&header.config, config) {
+        if let Some(difference) = other_run(config, &header.config) {
             return Err(CheckpointProblem::OtherRun(difference));
         }
         config.check_memory(1).map_err(CheckpointProblem::Memory)?;

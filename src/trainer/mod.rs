@@ -327,8 +327,9 @@ impl Trainer {
         self.best_is_saved = false;
         self.saved_at = Some(progress.env_steps);
         self.progress = progress;
-        if self.config.stop_when_lasting_steps.is_none() {
-            self.progress.lasting_at_step = None;
+        if self.config.stop_when_lasting_steps.is_none() && self.progress.lasting_at_step.take().is_some() {
+            // The next checkpoint must not keep the one that says so.
+            self.saved_at = None;
         }
         Ok(self)
     }

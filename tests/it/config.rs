@@ -60,6 +60,7 @@ fn the_default_is_the_documented_plain_dqn() {
         "evaluation": {"every_steps": 1000, "episodes": 20},
         "checkpoint": {"every_steps": 10_000},
         "stop_when_solved": false,
+        "stop_when_lasting_steps": null,
     });
     assert_eq!(serde_json::to_value(Config::default()).unwrap(), documented);
     assert_eq!(Config::from_layers(None, &[]).unwrap(), Config::default());

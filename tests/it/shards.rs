@@ -104,7 +104,12 @@ fn a_trial_that_the_time_limit_interrupts_is_resumed_and_ends_as_if_it_had_not_b
     let sandbox = Sandbox::new();
     let plan = |out: &str| {
         let study = ["study", "--plan", "--quiet", "--seeds", "0..2", "--out", out];
-        let long = ["budget.steps=100000", "replay.capacity=1000", "evaluation.every_steps=5000"];
+        let long = [
+            "budget.steps=100000",
+            "replay.capacity=1000",
+            "evaluation.every_steps=5000",
+            "stop_when_lasting_steps=null",
+        ];
         sandbox.run(&[&study[..], &sets(TINY), &sets(&long)].concat()).success();
     };
     plan("stopped");
