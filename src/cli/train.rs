@@ -16,7 +16,7 @@ use crate::files::{read_text_limited, write_json};
 use crate::run::{Record, Recorder, Resumed, RunDir, Started, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::shown;
-use crate::trainer::{Budget, EndReason, Evaluation, Fanout, LASTING_EPISODES, Summary, TrainError, Trainer};
+use crate::trainer::{Budget, EndReason, Evaluation, Fanout, Summary, TrainError, Trainer};
 use crate::view::{Live, Pace, check_terminal};
 
 /// Train an agent.
@@ -261,7 +261,7 @@ fn describe(record: &Record, trainer: &Trainer, run: &RunDir, allowance: &str) -
         EndReason::Solved => "the first evaluation that solved the task (stop_when_solved)".into(),
         EndReason::Lasting => {
             let steps = trainer.config().stop_when_lasting_steps.unwrap_or_default();
-            format!("the policy lasts {steps} steps from {LASTING_EPISODES} starts (stop_when_lasting_steps)")
+            format!("the policy lasts {steps} steps (stop_when_lasting_steps)")
         }
         _ => format!("the whole budget of {} was trained", budget(trainer.config().budget)),
     };

@@ -11,12 +11,14 @@ use super::EVALUATION_SEED;
 use crate::agent::{Actor, Played, Policy, Probes};
 use crate::env::scene::Scene;
 use crate::env::{Environment, EnvironmentError, Image, Make, Outcome, Start};
-use crate::rng::Rng;
+use crate::rng::{Rng, Stream};
 
 /// Most episodes that are played at the same time.
 const LOCKSTEP: u64 = 128;
 /// From how many starts a policy has to last, see [`lasts`].
-pub const LASTING_EPISODES: u64 = 150;
+pub const LASTING_EPISODES: u64 = 100;
+/// The probability of a random action in every second of them.
+pub const LASTING_EPSILON: f64 = 0.05;
 
 /// Plays a policy greedily in `episodes` episodes from the seeds `first_seed`, `first_seed + 1`, … as Gymnasium's
 /// `reset(seed=…)` starts them, each truncated after `max_steps` steps. Returns are those of the first steps, as many as the
@@ -35,26 +37,33 @@ pub fn evaluate(
     episodes: u64,
     gamma: f64,
 ) -> Result<Vec<Played>, EnvironmentError> {
-    play_all(policy, make, max_steps, first_seed, episodes, gamma, Until::AllHaveEnded)
+    play_all(policy, make, max_steps, first_seed, episodes, gamma, Play::Greedily)
 }
 
-/// Whether a policy, played greedily from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates. The
-/// starts are those of the evaluations and those of the seeds after them.
+/// Whether a policy, played from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates. From every
+/// second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by itself
+/// reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of the
+/// evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
 ///
 /// # Errors
 /// When the environment fails.
 pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Result<bool, EnvironmentError> {
-    let until = Until::OneTerminates;
-    let played = play_all(policy, make, steps, EVALUATION_SEED, LASTING_EPISODES, 1.0, until)?;
+    let played = play_all(policy, make, steps, EVALUATION_SEED, LASTING_EPISODES, 1.0, Play::AsTest)?;
     Ok(played.iter().all(|episode| !episode.terminated))
 }
 
-/// When to stop playing.
+/// How episodes are played.
 #[derive(Clone, Copy, PartialEq)]
-enum Until {
-    AllHaveEnded,
-    /// Episodes after the first termination may be missing, or stop where they are.
-    OneTerminates,
+enum Play {
+    Greedily,
+    /// See [`lasts`]. Episodes after the first termination may be missing, or stop where they are.
+    AsTest,
+}
+
+impl Play {
+    fn is_over(self, played: &[Played]) -> bool {
+        self == Self::AsTest && played.iter().any(|episode| episode.terminated)
+    }
 }
 
 fn play_all(
@@ -64,20 +73,20 @@ fn play_all(
     first_seed: u64,
     episodes: u64,
     gamma: f64,
-    until: Until,
+    play: Play,
 ) -> Result<Vec<Played>, EnvironmentError> {
     let processes = make(max_steps)?.processes();
     if let Some(processes) = processes {
-        return in_processes(processes, episodes, until, |episode| {
+        return in_processes(processes, episodes, play, |episode| {
             let seed = std::iter::once(first_seed.wrapping_add(episode));
-            Ok(lockstep(policy, make, max_steps, seed, gamma, until)?.remove(0))
+            Ok(lockstep(policy, make, max_steps, seed, gamma, play)?.remove(0))
         });
     }
     let mut played: Vec<Played> = Vec::new();
     for start in (0..episodes).step_by(LOCKSTEP as usize) {
         let seeds = (start..episodes.min(start + LOCKSTEP)).map(|episode| first_seed.wrapping_add(episode));
-        played.extend(lockstep(policy, make, max_steps, seeds, gamma, until)?);
-        if until == Until::OneTerminates && played.iter().any(|episode| episode.terminated) {
+        played.extend(lockstep(policy, make, max_steps, seeds, gamma, play)?);
+        if play.is_over(&played) {
             break;
         }
     }
@@ -88,7 +97,7 @@ fn play_all(
 fn in_processes(
     processes: usize,
     episodes: u64,
-    until: Until,
+    how: Play,
     play: impl Fn(u64) -> Result<Played, EnvironmentError> + Sync,
 ) -> Result<Vec<Played>, EnvironmentError> {
     let next = AtomicU64::new(0);
@@ -100,8 +109,7 @@ fn in_processes(
                 break;
             }
             let played = play(episode);
-            let is_over = |played: &Played| until == Until::OneTerminates && played.terminated;
-            if played.as_ref().map_or(true, is_over) {
+            if played.as_ref().map_or(true, |played| how.is_over(std::slice::from_ref(played))) {
                 next.store(episodes, Ordering::Relaxed);
             }
             ended.lock().unwrap_or_else(PoisonError::into_inner).insert(episode, played);
@@ -119,6 +127,8 @@ struct Playing {
     index: usize,
     environment: Box<dyn Environment>,
     observation: Vec<f32>,
+    /// Of the random actions in a test.
+    rng: Option<Rng>,
 }
 
 fn lockstep(
@@ -127,18 +137,21 @@ fn lockstep(
     max_steps: u32,
     seeds: impl Iterator<Item = u64>,
     gamma: f64,
-    until: Until,
+    play: Play,
 ) -> Result<Vec<Played>, EnvironmentError> {
     let mut playing = Vec::new();
     for (index, seed) in seeds.enumerate() {
         let mut environment = make(max_steps)?;
         let mut observation = vec![0.0; environment.spec().observation_size];
         environment.reset(Start::Seed(seed), &mut observation)?;
-        playing.push(Playing { index, environment, observation });
+        let is_disturbed = play == Play::AsTest && seed % 2 == 1;
+        let rng = is_disturbed.then(|| Rng::spawn(seed, Stream::Explore));
+        playing.push(Playing { index, environment, observation, rng });
     }
     let mut played = vec![Played::default(); playing.len()];
     let mut greedy = policy.greedy(playing.len());
     let scored_steps = playing.first().map_or(0, |first| u64::from(first.environment.spec().max_steps));
+    let num_actions = playing.first().map_or(1, |first| first.environment.spec().num_actions as u64);
     let mut discount = 1.0;
     let mut failed = None;
     while !playing.is_empty() {
@@ -148,8 +161,10 @@ fn lockstep(
         }
         greedy.forward_batch(playing.iter().map(|episode| &episode.observation[..]));
         let mut place = 0;
-        playing.retain_mut(|Playing { index, environment, observation }| {
-            let action = greedy.action(place);
+        playing.retain_mut(|Playing { index, environment, observation, rng }| {
+            let disturbing = rng.as_mut().and_then(|rng| (rng.unit() <= LASTING_EPSILON).then_some(rng));
+            let random = disturbing.map(|rng| rng.below(num_actions) as usize);
+            let action = random.unwrap_or_else(|| greedy.action(place));
             let played = &mut played[*index];
             if played.steps == 0 {
                 played.expected = greedy.q_value(place, action);
@@ -173,7 +188,7 @@ fn lockstep(
         if let Some(error) = failed {
             return Err(error);
         }
-        if until == Until::OneTerminates && played.iter().any(|episode| episode.terminated) {
+        if play.is_over(&played) {
             break;
         }
         discount *= gamma;

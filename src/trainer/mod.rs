@@ -18,7 +18,8 @@ use crate::tensors::{TensorError, Tensors};
 use episode::Episode;
 
 pub use evaluate::{
-    Frame, LASTING_EPISODES, Recording, Score, TraceStep, evaluate, film, lasts, play, record,
+    Frame, LASTING_EPISODES, LASTING_EPSILON, Recording, Score, TraceStep, evaluate, film, lasts, play,
+    record,
 };
 pub use event::{EndReason, Event};
 pub use observer::{CheckpointKind, DueCheckpoint, Fanout, Observer};

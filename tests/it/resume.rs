@@ -84,7 +84,7 @@ fn a_run_that_ended_with_a_policy_that_lasts_can_train_on() {
         sandbox.run(&[&budget[..], arguments].concat()).success()
     };
     train(&["--out", "whole", "--quiet", "--set", "stop_when_lasting_steps=null"]);
-    let ended = "ended      the policy lasts 600 steps from 150 starts (stop_when_lasting_steps)";
+    let ended = "ended      the policy lasts 600 steps (stop_when_lasting_steps)";
     train(&["--out", "parts", "--set", "stop_when_lasting_steps=600"])
         .stdout(predicate::str::contains(ended));
     let steps = sandbox.json("parts/summary.json")["env_steps"].as_u64().unwrap();

@@ -6,11 +6,12 @@ use cartpole_dqn::agent::{
     Actor, Agent, Counters, Dqn, Minibatch, NamedNumbers, NotFinite, Played, Policy, Probes, Transition,
 };
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::{CartPole, EnvironmentError};
+use cartpole_dqn::env::{CartPole, EnvironmentError, Start};
+use cartpole_dqn::rng::{Rng, Stream};
 use cartpole_dqn::tensors::weights_sha256;
 use cartpole_dqn::trainer::{
-    CheckpointKind, DueCheckpoint, EVALUATION_SEED, EndReason, Event, LASTING_EPISODES, Observer, Score,
-    Snapshot, TrainError, Trainer, evaluate, play,
+    CheckpointKind, DueCheckpoint, EVALUATION_SEED, EndReason, Event, LASTING_EPISODES, LASTING_EPSILON,
+    Observer, Score, Snapshot, TrainError, Trainer, evaluate, play,
 };
 
 use super::tasks::{TwoStates, bytes_of, cartpole, dqn, random_steps, resumed};
@@ -111,13 +112,25 @@ impl Observer for Evaluated {
 }
 
 /// Beside a plain search: the first evaluation that solves the task like the one before it, with a policy of which no
-/// episode terminates.
+/// episode terminates although some actions are random.
 #[test]
 fn a_run_ends_with_the_first_policy_that_lasts_if_asked_to() {
     let text = include_str!("../../configs/cartpole.json");
     let lasts_plainly = |policy: &Policy| {
-        let played = evaluate(policy, &cartpole, 3000, EVALUATION_SEED, LASTING_EPISODES, 1.0).unwrap();
-        played.iter().all(|episode| !episode.terminated)
+        let mut actor = policy.greedy(1);
+        (EVALUATION_SEED..EVALUATION_SEED + LASTING_EPISODES).all(|seed| {
+            let (mut environment, mut observation) = (cartpole(3000).unwrap(), [0.0; 4]);
+            environment.reset(Start::Seed(seed), &mut observation).unwrap();
+            let mut rng = Rng::spawn(seed, Stream::Explore);
+            loop {
+                let random = seed % 2 == 1 && rng.unit() <= LASTING_EPSILON;
+                let action = if random { rng.below(2) as usize } else { actor.act(&observation) };
+                let outcome = environment.step(action, &mut observation).unwrap();
+                if outcome.ended() {
+                    break !outcome.terminated;
+                }
+            }
+        })
     };
     let mut failed_the_test = 0;
     for seed in 0..6 {
