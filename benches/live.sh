@@ -14,7 +14,7 @@ train() { # FOLDER OPTION: one run, until the terminal shows what its end looks 
     local shown="exit=0"
     [ "$2" = --quiet ] || shown='steps/s │ finished'
     terminal send-keys -t live \
-        "clear; $binary train $2 --seed 3 --set budget.steps=100000 --out $tmp/$1; echo exit=\$?" Enter
+        "clear; $binary train $2 --seed 3 --set budget.steps=100000 --set stop_when_lasting_steps=null --out $tmp/$1; echo exit=\$?" Enter
     sleep 0.3
     until terminal capture-pane -p -t live | grep -q "$shown"; do sleep 0.1; done
     [ "$2" = --quiet ] || terminal send-keys -t live q

@@ -94,7 +94,7 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("evaluation.episodes", Allowed::Integer(1, 100_000), "episodes", "episodes of an evaluation, on Gymnasium's seeds 1,000,000, 1,000,001, …"),
     Key::new("checkpoint.every_steps", PERIOD, "steps", "period of `last.safetensors`; it is always written at the end"),
     Key::new("stop_when_solved", Allowed::Bool, "", "the run ends at the first evaluation whose mean return is at least the one from which the environment counts as solved"),
-    Key::new("stop_when_lasting_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "the run ends when two evaluations in a row solve the task and the policy of the second lasts this many steps, past the environment's time limit, from each of 100 starts: no episode terminates. From every second start one action in twenty is random. For tasks in which termination is failure; `null`: no policy ends the run"),
+    Key::new("stop_when_lasting_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "the run ends when two evaluations in a row solve the task and the policy of the second lasts this many steps from each of 100 starts, also past the environment's time limit: no episode terminates. From every second start one action in twenty is random. For tasks that have a threshold and in which termination is failure; `null`: no policy ends the run"),
 ];
 
 /// The groups that hold one of several alternatives, each alternative with its defaults. The first alternative of a group

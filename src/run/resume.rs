@@ -120,7 +120,7 @@ pub fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Chec
 }
 
 /// Takes the run in a directory back to its latest good checkpoint, with everything that it has written since then cut
-/// off. `sets` may change its budget and its schedules. Nothing is changed on bad input. `permit` may allow the environment to
+/// off. `sets` may change its budget, its schedules and `stop_when_lasting_steps` to null. Nothing is changed on bad input. `permit` may allow the environment to
 /// start a program, or else says why not.
 ///
 /// # Errors
@@ -196,7 +196,9 @@ fn has_ended(reason: EndReason, steps: u64, episodes: u64) -> String {
         }
         EndReason::Lasting => format!(
             "the run ended after {steps} steps with a policy that lasts; to train on all the same, say --set \
-             stop_when_lasting_steps=null"
+             stop_when_lasting_steps=null, and if its budget is used up too, give it a larger one, for example --set \
+             budget.steps={}",
+            steps.saturating_mul(2)
         ),
         _ => format!(
             "the run has ended after {steps} steps and {episodes} episodes; to extend it, give it a larger budget, \
@@ -240,7 +242,7 @@ fn schedules_that_have_ended(config: &Config, env_steps: u64, is_extended: bool)
     notes
 }
 
-/// The run's config with what `--set` changes, which may be the budget and the schedules alone.
+/// The run's config with what `--set` changes, which may be when it ends and its schedules alone.
 fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<Config, RunError> {
     let config = Config::from_layers(Some(("the run's config", &json!(recorded).to_string())), sets)?;
     let (before, now) = (recorded.stop_when_lasting_steps, config.stop_when_lasting_steps);

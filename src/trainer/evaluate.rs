@@ -40,8 +40,8 @@ pub fn evaluate(
     play_all(policy, make, max_steps, first_seed, episodes, gamma, Play::Greedily)
 }
 
-/// Whether a policy, played from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates. From every
-/// second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by itself
+/// Whether a policy, played from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates, and
+/// none is cut off before by the environment itself. From every second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by itself
 /// reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of the
 /// evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
 ///
@@ -49,7 +49,7 @@ pub fn evaluate(
 /// When the environment fails.
 pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Result<bool, EnvironmentError> {
     let played = play_all(policy, make, steps, EVALUATION_SEED, LASTING_EPISODES, 1.0, Play::AsTest)?;
-    Ok(played.iter().all(|episode| !episode.terminated))
+    Ok(played.iter().all(|episode| !episode.terminated && episode.steps >= u64::from(steps)))
 }
 
 /// How episodes are played.
@@ -119,7 +119,15 @@ fn in_processes(
         (1..processes.min(episodes as usize)).for_each(|_| drop(scope.spawn(play_on)));
         play_on();
     });
-    ended.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().collect()
+    // Up to the first one that ends the test or fails: which others were played is chance.
+    let mut all = Vec::new();
+    for episode in ended.into_inner().unwrap_or_else(PoisonError::into_inner).into_values() {
+        all.push(episode?);
+        if how.is_over(&all) {
+            break;
+        }
+    }
+    Ok(all)
 }
 
 /// An episode that is being played.

@@ -224,6 +224,7 @@ impl Trainer {
         let solved_before =
             self.progress.last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean));
         if let Some(steps) = self.config.stop_when_lasting_steps
+            && self.progress.env_steps.is_multiple_of(self.config.evaluation.every_steps)
             && solved_before
             && solved
             && lasts(&policy, &*self.make, steps)?

@@ -6,12 +6,12 @@ use cartpole_dqn::agent::{
     Actor, Agent, Counters, Dqn, Minibatch, NamedNumbers, NotFinite, Played, Policy, Probes, Transition,
 };
 use cartpole_dqn::config::Config;
-use cartpole_dqn::env::{CartPole, EnvironmentError, Start};
+use cartpole_dqn::env::{CartPole, Environment, EnvironmentError, Outcome, Spec, Start};
 use cartpole_dqn::rng::{Rng, Stream};
 use cartpole_dqn::tensors::weights_sha256;
 use cartpole_dqn::trainer::{
     CheckpointKind, DueCheckpoint, EVALUATION_SEED, EndReason, Event, LASTING_EPISODES, LASTING_EPSILON,
-    Observer, Score, Snapshot, TrainError, Trainer, evaluate, play,
+    Observer, Score, Snapshot, TrainError, Trainer, evaluate, lasts, play,
 };
 
 use super::tasks::{TwoStates, bytes_of, cartpole, dqn, random_steps, resumed};
@@ -156,13 +156,53 @@ fn a_run_ends_with_the_first_policy_that_lasts_if_asked_to() {
     assert!(failed_the_test > 0, "some policies solve the task and do not last");
 }
 
+/// CartPole as a program in three processes would be played.
+struct InProcesses(Box<dyn Environment>);
+
+impl Environment for InProcesses {
+    fn spec(&self) -> &Spec {
+        self.0.spec()
+    }
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+        self.0.reset(start, observation)
+    }
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+        self.0.step(action, observation)
+    }
+    fn processes(&self) -> Option<usize> {
+        Some(3)
+    }
+}
+
+#[test]
+fn a_policy_lasts_or_not_in_any_number_of_processes() {
+    let text = include_str!("../../configs/cartpole.json");
+    let sets = ["seed=21".to_owned(), "stop_when_lasting_steps=2000".into()];
+    let mut trainer = trainer(&Config::from_layers(Some(("cartpole.json", text)), &sets).unwrap());
+    let mut evaluated = Evaluated::default();
+    assert_eq!(trainer.run(&mut evaluated, &NEVER).unwrap(), EndReason::Lasting);
+    let in_processes = |steps: u32| -> Result<Box<dyn Environment>, EnvironmentError> {
+        Ok(Box::new(InProcesses(cartpole(steps)?)))
+    };
+    for policy in &evaluated.0 {
+        let here = lasts(policy, &cartpole, 2000).unwrap();
+        assert_eq!(lasts(policy, &in_processes, 2000).unwrap(), here);
+    }
+    assert!(lasts(evaluated.0.last().unwrap(), &cartpole, 2000).unwrap());
+    assert!(!lasts(&evaluated.0[0], &cartpole, 2000).unwrap());
+}
+
 /// Nothing in this task terminates, and no policy of it lasts before two evaluations in a row have solved it.
 #[test]
 fn a_policy_that_solves_the_task_once_does_not_end_the_run() {
-    let mut trainer = two_states(&config(&[&SMALL[..], &["stop_when_lasting_steps=50"]].concat()));
+    let mut trainer = two_states(&config(&[&SMALL[..], &["stop_when_lasting_steps=10"]].concat()));
     assert_eq!(trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap(), EndReason::Lasting);
     let solved_at_step = trainer.progress().solved_at_step.unwrap();
     assert!(trainer.progress().env_steps >= solved_at_step + 500);
+
+    // The environment cuts its episodes off after ten steps: nothing lasts eleven.
+    let mut trainer = two_states(&config(&[&SMALL[..], &["stop_when_lasting_steps=11"]].concat()));
+    assert_eq!(trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap(), EndReason::Budget);
 }
 
 #[test]

@@ -182,7 +182,7 @@ function frame(now) {
 }
 
 function rightEnd() {
-  if (run.state.end) return run.state.env_steps;
+  if (run.state.end) return Math.max(run.state.env_steps, run.before?.at(-1)?.env_steps ?? 0);
   const { steps } = run.config?.budget ?? {};
   return steps ?? Math.max(1000, ...run.episodes.slice(-1).map(one => 1.05 * one.env_steps));
 }
