@@ -38,7 +38,7 @@ pub enum NoLesson {
     /// The run ends before.
     #[error(
         "the run ends after update {0}; give --update a number from 1 to that, or let the run be longer: a larger \
-             budget.steps, or stop_when_lasting_steps=null where a policy that lasts ends it"
+         budget.steps, or stop_when_lasting_steps=null where a policy that lasts ends it"
     )]
     TooFar(u64),
     /// The environment cannot be made.

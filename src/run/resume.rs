@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::names::{LAST, PREVIOUS};
 use super::{
     Checkpoint, CheckpointError, CheckpointProblem, Header, Recorder, RunDir, RunError, bad, checkpoint_of,
-    unwritable,
+    config_of_checkpoint, unwritable,
 };
 use crate::agent::{Exploration, Policy};
 use crate::config::{Config, EnvironmentConfig, difference};
@@ -120,8 +120,8 @@ pub fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Chec
 }
 
 /// Takes the run in a directory back to its latest good checkpoint, with everything that it has written since then cut
-/// off. `sets` may change its budget, its schedules and `stop_when_lasting_steps` to null. Nothing is changed on bad input. `permit` may allow the environment to
-/// start a program, or else says why not.
+/// off. `sets` may change its budget, its schedules and `stop_when_lasting_steps` to null. Nothing is changed on bad input.
+/// `permit` may allow the environment to start a program, or else says why not.
 ///
 /// # Errors
 /// When the directory holds no run that can be resumed so.
@@ -266,10 +266,8 @@ fn other_run(recorded: &Config, given: &Config) -> Option<String> {
     let are_linear =
         [recorded, given].map(|config| matches!(config.agent.exploration(), Exploration::Linear { .. }));
     let comparable = |config: &Config| {
-        let mut value = json!(config);
-        value["budget"] = Value::Null;
+        let mut value = config_of_checkpoint(config);
         value["optimizer"]["schedule"] = Value::Null;
-        value["stop_when_lasting_steps"] = Value::Null;
         value["optimizer"]["learning_rate"] = Value::Null;
         if are_linear == [true; 2] {
             value["exploration"] = Value::Null;

@@ -37,18 +37,40 @@ pub fn evaluate(
     episodes: u64,
     gamma: f64,
 ) -> Result<Vec<Played>, EnvironmentError> {
-    play_all(policy, make, max_steps, first_seed, episodes, gamma, Play::Greedily)
+    let processes = make(max_steps)?.processes();
+    if let Some(processes) = processes {
+        return in_processes(processes, episodes, Play::Greedily, |episode| {
+            let seed = std::iter::once(first_seed.wrapping_add(episode));
+            Ok(lockstep(policy, make, max_steps, seed, gamma, Play::Greedily)?.remove(0))
+        });
+    }
+    let mut played = Vec::new();
+    for start in (0..episodes).step_by(LOCKSTEP as usize) {
+        let seeds = (start..episodes.min(start + LOCKSTEP)).map(|episode| first_seed.wrapping_add(episode));
+        played.extend(lockstep(policy, make, max_steps, seeds, gamma, Play::Greedily)?);
+    }
+    Ok(played)
 }
 
-/// Whether a policy, played from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates, and
-/// none is cut off before by the environment itself. From every second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by itself
-/// reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of the
-/// evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
+/// Whether a policy, played from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates, and none is cut
+/// off before by the environment itself.
+///
+/// From every second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by
+/// itself reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of
+/// the evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
 ///
 /// # Errors
 /// When the environment fails.
 pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Result<bool, EnvironmentError> {
-    let played = play_all(policy, make, steps, EVALUATION_SEED, LASTING_EPISODES, 1.0, Play::AsTest)?;
+    let test = |seeds| lockstep(policy, make, steps, seeds, 1.0, Play::AsTest);
+    let seeds = EVALUATION_SEED..EVALUATION_SEED + LASTING_EPISODES;
+    let played = match make(steps)?.processes() {
+        Some(processes) => in_processes(processes, LASTING_EPISODES, Play::AsTest, |episode| {
+            let seed = EVALUATION_SEED + episode;
+            Ok(test(seed..seed + 1)?.remove(0))
+        })?,
+        None => test(seeds)?,
+    };
     Ok(played.iter().all(|episode| !episode.terminated && episode.steps >= u64::from(steps)))
 }
 
@@ -61,36 +83,9 @@ enum Play {
 }
 
 impl Play {
-    fn is_over(self, played: &[Played]) -> bool {
-        self == Self::AsTest && played.iter().any(|episode| episode.terminated)
+    fn ends_with(self, episode: &Played) -> bool {
+        self == Self::AsTest && episode.terminated
     }
-}
-
-fn play_all(
-    policy: &Policy,
-    make: &Make,
-    max_steps: u32,
-    first_seed: u64,
-    episodes: u64,
-    gamma: f64,
-    play: Play,
-) -> Result<Vec<Played>, EnvironmentError> {
-    let processes = make(max_steps)?.processes();
-    if let Some(processes) = processes {
-        return in_processes(processes, episodes, play, |episode| {
-            let seed = std::iter::once(first_seed.wrapping_add(episode));
-            Ok(lockstep(policy, make, max_steps, seed, gamma, play)?.remove(0))
-        });
-    }
-    let mut played: Vec<Played> = Vec::new();
-    for start in (0..episodes).step_by(LOCKSTEP as usize) {
-        let seeds = (start..episodes.min(start + LOCKSTEP)).map(|episode| first_seed.wrapping_add(episode));
-        played.extend(lockstep(policy, make, max_steps, seeds, gamma, play)?);
-        if play.is_over(&played) {
-            break;
-        }
-    }
-    Ok(played)
 }
 
 /// Plays so many episodes, each with `play`, up to `processes` at the same time. Who plays which one changes nothing.
@@ -109,7 +104,7 @@ fn in_processes(
                 break;
             }
             let played = play(episode);
-            if played.as_ref().map_or(true, |played| how.is_over(std::slice::from_ref(played))) {
+            if played.as_ref().map_or(true, |played| how.ends_with(played)) {
                 next.store(episodes, Ordering::Relaxed);
             }
             ended.lock().unwrap_or_else(PoisonError::into_inner).insert(episode, played);
@@ -122,8 +117,10 @@ fn in_processes(
     // Up to the first one that ends the test or fails: which others were played is chance.
     let mut all = Vec::new();
     for episode in ended.into_inner().unwrap_or_else(PoisonError::into_inner).into_values() {
-        all.push(episode?);
-        if how.is_over(&all) {
+        let episode = episode?;
+        let is_last = how.ends_with(&episode);
+        all.push(episode);
+        if is_last {
             break;
         }
     }
@@ -196,7 +193,7 @@ fn lockstep(
         if let Some(error) = failed {
             return Err(error);
         }
-        if play.is_over(&played) {
+        if played.iter().any(|episode| play.ends_with(episode)) {
             break;
         }
         discount *= gamma;

@@ -221,15 +221,8 @@ impl Trainer {
         let mean_length =
             played.iter().map(|episode| episode.steps as f64).sum::<f64>() / played.len() as f64;
         let solved = self.spec.is_solved_by(score.mean);
-        let solved_before =
-            self.progress.last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean));
-        if let Some(steps) = self.config.stop_when_lasting_steps
-            && self.progress.env_steps.is_multiple_of(self.config.evaluation.every_steps)
-            && solved_before
-            && solved
-            && lasts(&policy, &*self.make, steps)?
-        {
-            self.progress.lasting_at_step.get_or_insert(self.progress.env_steps);
+        if solved && self.ends_with(&policy)? {
+            self.progress.lasting_at_step = Some(self.progress.env_steps);
         }
         let event = self.progress.count_evaluation(&score, mean_length, solved);
         if let Event::Evaluation { best: true, .. } = event {
@@ -247,6 +240,21 @@ impl Trainer {
         let numbers = self.probes.as_ref().and_then(|probes| self.agent.statistics(probes, &played));
         let env_steps = self.progress.env_steps;
         numbers.map_or(Ok(()), |numbers| self.emit(observer, &Event::Statistics { env_steps, numbers }))
+    }
+
+    /// Whether a policy that solves the task is to end the run: the one evaluated before it solved the task too, and this one
+    /// lasts. A last evaluation at a step at which a longer run would have none does not count.
+    fn ends_with(&self, policy: &Policy) -> Result<bool, EnvironmentError> {
+        let Progress { env_steps, last_evaluation, .. } = self.progress;
+        match self.config.stop_when_lasting_steps {
+            Some(steps)
+                if env_steps.is_multiple_of(self.config.evaluation.every_steps)
+                    && last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean)) =>
+            {
+                lasts(policy, &*self.make, steps)
+            }
+            _ => Ok(false),
+        }
     }
 
     /// Offers the best policy to the observer, unless the observer has it.
