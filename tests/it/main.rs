@@ -34,6 +34,7 @@ mod resume;
 mod run_dir;
 #[cfg(unix)]
 mod shards;
+mod shipped_configs;
 #[cfg(unix)]
 mod signals;
 mod simd;
