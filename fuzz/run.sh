@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# fuzz/run.sh config|checkpoint|update [seconds]: fuzzes a parser with libFuzzer, on the stable toolchain, from the committed
-# corpus; what it finds on the way stays in fuzz/target. Ends with an error and the input at the first panic, the first
+# fuzz/run.sh config|checkpoint|update [seconds]: fuzzes a parser with libFuzzer, on the stable toolchain, from
+# tests/data/corpus; what it finds on the way stays in fuzz/target. Ends with an error and the input at the first panic, the first
 # input that takes 10 s, and the first allocation of more than 9 GiB (a config may ask for 8).
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -14,4 +14,4 @@ cargo build --release --bin "$target" --target "$(rustc -vV | sed -n 's/^host: /
 program=$(echo target/*/release/"$target")
 mkdir -p "target/corpus/$target" "target/findings"
 "$program" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=9216 -malloc_limit_mb=9216 -max_len=20000 -use_value_profile=1 \
-    -print_final_stats=1 -artifact_prefix=target/findings/ "target/corpus/$target" "corpus/$target"
+    -print_final_stats=1 -artifact_prefix=target/findings/ "target/corpus/$target" "../tests/data/corpus/$target"

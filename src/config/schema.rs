@@ -44,12 +44,14 @@ fn members(prefix: &str, defaults: &Value) -> Value {
 fn member(path: &str, default: &Value) -> Value {
     let below = format!("{path}.");
     match (find(path), alternatives().into_iter().find(|(group, _)| *group == path)) {
-        (Some(key), None) if let Allowed::NameOr(names, _) = key.allowed => {
-            let mut program = members(&below, &json!(program_defaults()));
-            program["required"] = json!(["command"]);
-            described(key, json!({"anyOf": [Allowed::OneOf(names).schema(), program]}), default)
-        }
-        (Some(key), None) => described(key, key.allowed.schema(), default),
+        (Some(key), None) => match &key.allowed {
+            &Allowed::NameOr(names, _) => {
+                let mut program = members(&below, &json!(program_defaults()));
+                program["required"] = json!(["command"]);
+                described(key, json!({"anyOf": [Allowed::OneOf(names).schema(), program]}), default)
+            }
+            allowed => described(key, allowed.schema(), default),
+        },
         (None, None) => members(&below, default),
         (None, Some((_, shapes))) => {
             let shapes: Vec<Value> =

@@ -158,7 +158,8 @@ fn cases(usual: u32) -> ProptestConfig {
 
 #[test]
 fn a_mutated_config_is_a_config_or_refused() {
-    let files: Vec<Vec<u8>> = data("fuzz/corpus/config").iter().map(|path| fs::read(path).unwrap()).collect();
+    let files: Vec<Vec<u8>> =
+        data("tests/data/corpus/config").iter().map(|path| fs::read(path).unwrap()).collect();
     proptest!(cases(3000), |(file in select(files), mutations in vec(mutation(), 0..4), set in ".{0,30}")| {
         let text = String::from_utf8_lossy(&mutated(&file, &mutations)).into_owned();
         if let Ok(config) = Config::from_layers(Some(("file", &text)), &[]) {
@@ -197,16 +198,16 @@ fn a_mutated_update_is_judged_or_refused() {
 
 #[test]
 fn what_fuzzing_has_kept_is_read_or_refused() {
-    for path in data("fuzz/corpus/update") {
+    for path in data("tests/data/corpus/update") {
         let _ = Update::from_bytes(&fs::read(path).unwrap()).map(|update| check(&update));
     }
-    for path in data("fuzz/corpus/checkpoint") {
+    for path in data("tests/data/corpus/checkpoint") {
         let mut bytes = fs::read(path).unwrap();
         load(&bytes);
         seal(&mut bytes);
         load(&bytes);
     }
-    for path in data("fuzz/corpus/config") {
+    for path in data("tests/data/corpus/config") {
         let text = String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned();
         let _ = Config::from_layers(Some(("file", &text)), &[]);
     }
