@@ -14,6 +14,20 @@ cc -O2 -Wall -Wextra -Werror -ffp-contract=off -o dock "$repository/adapters/exa
 "$binary" train --config "$repository/adapters/example.json" --out dock-run --quiet
 "$binary" eval dock-run --allow-command --min-mean -5
 
+# The example in Python of docs/environments.md: the program, its dialogue, and the commands, as they stand on the page.
+block() { awk -v mark="<!-- $1 -->" '$0 == mark {on = 1} on && /^```/ {if (++fences == 2) exit; next} fences' "$repository/docs/environments.md"; }
+block 'file: room.py' > room.py
+block 'dialogue: room.py' > dialogue
+sed -n 's/^> //p' dialogue | python3 room.py > answers
+[ "$(wc -l < answers)" -eq 4 ] || fail 'room.py does not answer four requests'
+sed -n 's/^< //p' dialogue | diff - answers || fail 'room.py answers something else than the dialogue in docs/environments.md'
+ln -s "$repository/configs" configs
+cartpole-dqn() { "$binary" "$@"; }
+# shellcheck source=/dev/null
+source <(block 'commands: room.py')
+"$binary" eval runs/room --allow-command --min-mean -10
+rm configs
+
 # CartPole-v1 through the adapter is our own CartPole-v1: the same returns of the same policy on the same seeds.
 adapter() { printf '{"command": ["python3", "%s/adapters/gymnasium.py"%s]}' "$repository" "$(printf ', "%s"' "$@")"; }
 short=(--set budget.steps=1500 --set replay.mirror=false --set evaluation.every_steps=500 --quiet)

@@ -33,8 +33,8 @@ const LINE_INTERVAL: Duration = Duration::from_secs(2);
 /// The exit code is 1 if a trial failed, and 130 or 143 if a signal or --time-limit left trials to do.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --vary loss=mse,huber --seeds 0..100 \
-        --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
+    after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --set stop_when_lasting_steps=null \
+        --seeds 0..100 --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
 )]
 pub(super) struct Arguments {
     /// Directory of a study to go on with, as its study.json says

@@ -13,6 +13,7 @@ mod cli_tasks;
 mod cli_tensorboard;
 mod cli_train;
 mod config;
+mod documents;
 mod golden_physics;
 mod golden_tasks;
 mod golden_update;
