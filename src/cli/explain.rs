@@ -42,9 +42,9 @@ impl From<NoLesson> for Failure {
     fn from(error: NoLesson) -> Self {
         match error {
             NoLesson::TooFar(_) | NoLesson::NoDqn => Self::BadInput(error.to_string()),
-            NoLesson::Train(_) | NoLesson::NotFinite(_) | NoLesson::Environment(_) => {
-                Self::Failed(error.to_string())
-            }
+            NoLesson::Train(error) => error.into(),
+            NoLesson::Environment(error) => error.into(),
+            NoLesson::NotFinite(_) => Self::Failed(error.to_string()),
         }
     }
 }

@@ -78,6 +78,10 @@ pub fn run() -> ExitCode {
     let (message, exit_code) = match failure {
         Failure::BadInput(message) => (format!("error: {message}"), 2),
         Failure::Failed(message) => (format!("error: {message}"), 1),
+        Failure::Disturbed(message) => match signals::asked() {
+            Some(exit_code) => (format!("stopped: {message}"), exit_code),
+            None => (format!("error: {message}"), 1),
+        },
         Failure::Interrupted(message, exit_code) => (message, exit_code),
     };
     say(&message);

@@ -1,12 +1,14 @@
 //! `study --plan` and `study DIR --status`: what there is to do, and what is done of it.
 
+use std::panic::resume_unwind;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use super::ui::{Failure, note, program, shell_word};
-use crate::study::StudyDir;
+use crate::report;
+use crate::study::{Cause, Finished, LeftOut, StudyDir, Unended};
 use crate::text::{legend, table, visible};
 
 /// The first trial of a plan is timed no longer than that.
@@ -18,16 +20,19 @@ const SHARD_SECONDS: f64 = 3600.0;
 const MAX_SHARDS: f64 = 1000.0;
 
 /// What a study costs, and how it is given to the engines of a cluster. Times its first trial, until `stop` is set.
-pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> String {
+///
+/// # Errors
+/// When the environment of the trial fails.
+pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> Result<String, Failure> {
     let total = folder.study().total();
-    let (seconds, is_whole) = time_first_trial(folder, stop);
+    let (seconds, is_whole) = time_first_trial(folder, stop)?;
     let core_seconds = seconds * total as f64;
     let shards = (core_seconds / SHARD_SECONDS).ceil().min(total as f64).clamp(1.0, MAX_SHARDS);
     let (last, least) = (shards - 1.0, if is_whole { "about" } else { "more than" });
     let hours = |seconds: f64| format!("{:.2}", seconds / 3600.0);
     let path = shell_word(&path.to_string_lossy());
     let study = visible(&format!("{} study {path}", program()));
-    format!(
+    Ok(format!(
         "study      {path}\n\
          trials     {total}: configs {}, seeds {}\n\
          estimate   {least} {seconds:.2} s a trial on one core, {} core hours in all, by the first trial\n\
@@ -42,11 +47,11 @@ pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> Str
         folder.study().seeds.end - folder.study().seeds.start,
         hours(core_seconds),
         hours(core_seconds / shards),
-    )
+    ))
 }
 
 /// Seconds of the first trial, and whether that is all of it.
-fn time_first_trial(folder: &StudyDir, stop: &AtomicBool) -> (f64, bool) {
+fn time_first_trial(folder: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Failure> {
     let begin = Instant::now();
     let end_early = AtomicBool::new(false);
     let trial = thread::scope(|scope| {
@@ -55,19 +60,24 @@ fn time_first_trial(folder: &StudyDir, stop: &AtomicBool) -> (f64, bool) {
             thread::sleep(POLL_INTERVAL);
         }
         end_early.store(true, Ordering::Relaxed);
-        trial.join().ok().flatten()
+        trial.join().unwrap_or_else(|panic| resume_unwind(panic))
     });
-    (begin.elapsed().as_secs_f64(), trial.is_some())
+    match trial {
+        Err(unended @ Unended { cause: Cause::Failed(_), .. }) => {
+            Err(Failure::Disturbed(unended.to_string()))
+        }
+        trial => Ok((begin.elapsed().as_secs_f64(), trial.is_ok())),
+    }
 }
 
 /// How many trials of each config are done, missing and failed.
 pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
     let study = folder.study();
     let mut counts = vec![(0, 0); study.configs.len()];
-    let notes = folder.read(|trial| {
-        let (done, failed) = &mut counts[trial.config];
+    let LeftOut { notes, last_tries } = folder.read(|Finished { config, trial }| {
+        let (done, failed) = &mut counts[config];
         *done += 1;
-        *failed += u64::from(trial.failed);
+        *failed += u64::from(trial.error.is_some());
         Ok(())
     })?;
     notes.iter().for_each(|text| note(text));
@@ -83,5 +93,5 @@ pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
     let (done, failed) = (sum(|count| count.0), sum(|count| count.1));
     rows.push(row(String::new(), "all", done, study.total() - done, failed));
     let table = table(&rows);
-    Ok(legend(&rows, &table) + &table)
+    Ok(legend(&rows, &table) + &table + &report::describe_last_tries(study, last_tries))
 }

@@ -5,7 +5,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator;
@@ -24,6 +24,8 @@ const TERMINATED: u8 = 143;
 static LISTENER: OnceLock<Signals> = OnceLock::new();
 /// How soon a signal is noticed, and how long a step may take before that is said.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
+/// How much later than its programs this process may take a signal to all of them.
+const GROUP_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What signals have asked for.
 #[derive(Clone, Debug, Default)]
@@ -64,6 +66,19 @@ fn try_watch() -> io::Result<()> {
         }
     };
     thread::Builder::new().name("signals".into()).spawn(handle).map(drop)
+}
+
+/// The exit code of the signal that asks this process to stop. Waits for a moment: a signal to a group of processes can end
+/// the program of an environment before this process has taken its own. Where nobody listens, that ends this process here.
+pub(super) fn asked() -> Option<u8> {
+    let start = Instant::now();
+    loop {
+        let exit_code = LISTENER.get().map_or(0, |listener| listener.exit_code.load(Ordering::Relaxed));
+        if exit_code != 0 || start.elapsed() > GROUP_INTERVAL {
+            return (exit_code != 0).then_some(exit_code);
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
 }
 
 /// Ends the process and removes what it has not finished.

@@ -1,10 +1,11 @@
 //! `cartpole-dqn study`
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::io::{self, Write};
 use std::num::NonZero;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -18,7 +19,9 @@ use super::ui::{Failure, cannot_write, check_out, note, print, shell_word};
 use super::variations::{Variations, configs};
 use crate::env::Spec;
 use crate::report;
-use crate::study::{MAX_SEEDS, NamedConfig, Shard, Study, StudyDir, StudyError, Trial};
+use crate::study::{
+    Cause, Finished, LeftOut, MAX_SEEDS, NamedConfig, Shard, Study, StudyDir, StudyError, Trial, Unended,
+};
 use crate::text::{shown, visible, wrapped};
 
 /// Shortest time between two plain lines of progress.
@@ -30,7 +33,10 @@ const LINE_INTERVAL: Duration = Duration::from_secs(2);
 /// may have more seeds at the end, or by `study DIR`. Any number of processes can work on one study at the same time, each
 /// on its --shard. The results depend neither on that nor on --jobs. At the end the configs are printed, the best first.
 ///
-/// The exit code is 1 if a trial failed, and 130 or 143 if a signal or --time-limit left trials to do.
+/// A trial whose training diverges has failed, which is a result. A trial whose environment or disk fails has no result: the
+/// other trials go on, and the same command resumes it.
+///
+/// The exit code is 1 if a trial failed or has no result, and 130 or 143 if a signal or --time-limit left trials to do.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --set stop_when_lasting_steps=null \
@@ -82,7 +88,10 @@ impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
         match error {
             StudyError::Unwritable { path, source } => cannot_write(&path, &source, "; choose another --out"),
-            StudyError::Write { .. } => Self::Failed(error.to_string()),
+            StudyError::Write { ref source, .. } => match Self::unwritten(error.to_string(), source) {
+                Self::Failed(message) => Self::Disturbed(message),
+                bad_input => bad_input,
+            },
             StudyError::Folder { .. } | StudyError::Line { .. } | StudyError::Unreadable { .. } => {
                 Self::BadInput(error.to_string())
             }
@@ -146,27 +155,44 @@ fn check_memory(study: &Study, jobs: usize) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Waits for the programs of these configs, as long as a signal ends the process at once. Whether one fails is seen by its
+/// trials.
+fn start_programs<'a>(configs: impl Iterator<Item = &'a NamedConfig>) {
+    for NamedConfig { config, task, .. } in configs {
+        drop((config.make())(task.max_steps));
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let signals = Signals::listen();
     let folder = arguments.open()?;
     if arguments.status {
         return print(&plan::status(&folder)?);
     }
-    if arguments.plan {
-        return match arguments.quiet {
-            true => Ok(()),
-            false => print(&plan::estimate(&folder, arguments.path(), &signals.stop)),
-        };
+    if arguments.plan && arguments.quiet {
+        return Ok(());
     }
-    arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
+    if arguments.plan {
+        start_programs(folder.study().configs.iter().take(1));
+        let signals = Signals::listen();
+        return print(&plan::estimate(&folder, arguments.path(), &signals.stop)?);
+    }
     check_memory(folder.study(), arguments.jobs())?;
     let shard = arguments.shard.unwrap_or(Shard::ALL);
     let (pending, mut progress) = pending(&folder, shard, arguments.quiet)?;
-    let ended = folder.run(&pending, arguments.jobs(), &signals.stop, |trial| progress.show(trial));
+    let configs: BTreeSet<usize> = pending.iter().map(|(config, _)| *config).collect();
+    start_programs(configs.into_iter().map(|config| &folder.study().configs[config]));
+    let signals = Signals::listen();
+    arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
+    let ended = folder.run(&pending, arguments.jobs(), &signals.stop, |ended| progress.show(ended));
     progress.bar.finish_and_clear();
     ended?;
+    folder.tidy()?;
     if progress.done < progress.total {
-        return Err(Failure::Interrupted(progress.interrupted(), signals.exit_code()));
+        let message = progress.left();
+        return Err(match signals.stop.load(Ordering::Relaxed) {
+            true => Failure::Interrupted(format!("stopped: {message}"), signals.exit_code()),
+            false => Failure::Disturbed(message),
+        });
     }
     let out = arguments.path().to_string_lossy();
     let report = format!("cartpole-dqn report {}", shell_word(&out));
@@ -195,11 +221,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn pending(folder: &StudyDir, shard: Shard, quiet: bool) -> Result<(Vec<(usize, u64)>, Progress), Failure> {
     let study = folder.study();
     let (mut finished, mut failed) = (HashSet::new(), Vec::new());
-    let notes = folder.read(|trial| {
-        let number = (trial.config, trial.seed);
+    let LeftOut { notes, .. } = folder.read(|Finished { config, trial }| {
+        let number = (config, trial.seed);
         if study.is_in(shard, number) {
             finished.insert(number);
-            failed.extend(trial.failed.then(|| trial.parse::<Trial>()).transpose()?);
+            failed.extend(trial.error.is_some().then_some(trial));
         }
         Ok(())
     })?;
@@ -232,6 +258,12 @@ struct Progress {
     failed: u64,
     /// Of the smallest seed.
     first_error: Option<(u64, String)>,
+    /// Trials without a result that have a checkpoint, and those without one.
+    kept: u64,
+    lost: u64,
+    /// Those of them that were not asked to stop, and what ended the first.
+    disturbed: u64,
+    first_disturbance: Option<String>,
 }
 
 impl Progress {
@@ -256,10 +288,14 @@ impl Progress {
             solved: 0,
             failed: 0,
             first_error: None,
+            kept: 0,
+            lost: 0,
+            disturbed: 0,
+            first_disturbance: None,
         }
     }
 
-    fn count_failure(&mut self, trial: &Trial) {
+    fn count_failure<S>(&mut self, trial: &Trial<S>) {
         let Some(error) = &trial.error else { return };
         self.failed += 1;
         if self.first_error.as_ref().is_none_or(|(seed, _)| trial.seed < *seed) {
@@ -273,7 +309,23 @@ impl Progress {
         format!("final policy solved {solved} of {trained}, failed {failed}")
     }
 
-    fn show(&mut self, trial: &Trial) {
+    fn show(&mut self, ended: &Result<Trial, Unended>) {
+        match ended {
+            Ok(trial) => self.show_trial(trial),
+            Err(unended) => self.count_unended(unended),
+        }
+    }
+
+    fn count_unended(&mut self, unended: &Unended) {
+        let count = if unended.is_kept { &mut self.kept } else { &mut self.lost };
+        *count += 1;
+        if matches!(unended.cause, Cause::Failed(_)) {
+            self.disturbed += 1;
+            self.first_disturbance.get_or_insert_with(|| visible(&unended.to_string()));
+        }
+    }
+
+    fn show_trial(&mut self, trial: &Trial) {
         self.done += 1;
         self.trained += 1;
         let task = self.tasks.iter().find(|(name, _)| *name == trial.config);
@@ -304,12 +356,22 @@ impl Progress {
         )
     }
 
-    fn interrupted(&self) -> String {
-        let Self { done, total, .. } = self;
-        let what = format!(
-            "stopped: {done} of {total} trials are finished and kept; those that were training are resumed where they \
-             were. Resume the study with the same command:"
-        );
+    /// What there is left to do.
+    fn left(&self) -> String {
+        let Self { done, total, kept, lost, disturbed, .. } = self;
+        let mut what = format!("{done} of {total} trials are finished and kept.");
+        if let Some(first) = &self.first_disturbance {
+            what += &format!(" {disturbed} ended without a result, for example {first}.");
+        }
+        what += &match (kept, lost) {
+            (0, 0) => String::new(),
+            (_, 0) => format!(" Those that had begun are resumed from their checkpoints ({kept})."),
+            (0, _) => format!(" Those that had begun have no checkpoint and are trained again ({lost})."),
+            _ => format!(
+                " Those that had begun are resumed from their checkpoints ({kept}) or, without one, trained again ({lost})."
+            ),
+        };
+        what += " Resume the study with the same command:";
         format!("{}  {}", wrapped(&what, 0), own_command())
     }
 }

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::layers::Layers;
 use super::permission::{AllowCommand, allowance, ask_task};
-use super::signals::Signals;
+use super::signals::{self, Signals};
 use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say, shell_word};
 use crate::config::{Config, MAX_BYTES};
 use crate::env::Spec;
@@ -73,9 +73,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     if arguments.live {
         check_terminal()?;
     }
-    // Before the signals are taken: Ctrl-C ends a process that waits for its standard input.
     let mut config = if arguments.resume.is_none() { Some(arguments.layers.resolve()?) } else { None };
-    let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
     config.iter_mut().try_for_each(|config| ask_task(config, arguments.live))?;
     let started = match (&arguments.resume, config) {
         (Some(path), _) => {
@@ -86,6 +84,9 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         }
         (None, config) => Resumed::Run(Box::new(start_new(&arguments, &config.unwrap_or_default())?)),
     };
+    // Before that a signal ends the process at once: it may wait for its standard input or a silent program, and nothing is
+    // trained yet.
+    let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
     let Started { dir: run, config, mut trainer, recorder, notes } = match started {
         Resumed::Run(started) => *started,
         Resumed::Ended(run, why) => {
@@ -118,12 +119,19 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         Ok(reason) => reason,
         Err(error) => {
             drop(observers);
+            let is_result = matches!(error, TrainError::Diverged { .. });
+            let stopped = if is_result { None } else { signals::asked() };
             if arguments.json {
-                let mut record = unended(&run, &trainer, seconds, "failed");
+                let ended = if stopped.is_some() { "interrupted" } else { "failed" };
+                let mut record = unended(&run, &trainer, seconds, ended);
                 record["error"] = json!(error.to_string());
                 print_json(&record)?;
             }
-            return Err(Failure::Failed(format!("{error}; {}", what_is_kept(&run, &config, &error))));
+            let message = format!("{error}; {}", what_is_kept(&run, &config, &error));
+            return Err(match stopped {
+                Some(exit_code) => Failure::Interrupted(format!("stopped: {message}"), exit_code),
+                None => Failure::Failed(message),
+            });
         }
     };
     let record = Record::new(&run, &trainer, reason, seconds);

@@ -17,6 +17,9 @@ pub(super) enum Failure {
     BadInput(String),
     /// It was tried and failed: exit code 1.
     Failed(String),
+    /// Something around it failed, such as an environment or a disk: exit code 1, or that of the signal which may be the
+    /// reason, because it went to a whole group of processes.
+    Disturbed(String),
     /// A signal stopped it: that signal's exit code.
     Interrupted(String, u8),
 }
@@ -58,7 +61,7 @@ impl From<ConfigError> for Failure {
 impl From<CheckpointError> for Failure {
     fn from(error: CheckpointError) -> Self {
         if let CheckpointProblem::Resume(ResumeError::Environment(_)) = error.problem {
-            return Self::Failed(on_one_line(&error));
+            return Self::Disturbed(on_one_line(&error));
         }
         let hint = match error.problem {
             CheckpointProblem::Unreadable(_) | CheckpointProblem::NotSafetensors(_) => {
@@ -72,7 +75,7 @@ impl From<CheckpointError> for Failure {
 
 impl From<EnvironmentError> for Failure {
     fn from(error: EnvironmentError) -> Self {
-        Self::Failed(error.to_string())
+        Self::Disturbed(error.to_string())
     }
 }
 
@@ -92,14 +95,18 @@ impl From<RunError> for Failure {
 
 impl From<TrainError> for Failure {
     fn from(error: TrainError) -> Self {
-        Self::Failed(error.to_string())
+        match error {
+            TrainError::Diverged { .. } => Self::Failed(error.to_string()),
+            _ => Self::Disturbed(error.to_string()),
+        }
     }
 }
 
 impl From<NoView> for Failure {
     fn from(error: NoView) -> Self {
         match error {
-            NoView::Terminal(_) | NoView::Environment(_) => Self::Failed(error.to_string()),
+            NoView::Environment(_) => Self::Disturbed(error.to_string()),
+            NoView::Terminal(_) => Self::Failed(error.to_string()),
             NoView::NoTerminal | NoView::Dumb | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
         }
     }

@@ -34,7 +34,6 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let signals = Signals::listen();
     let (run, mut config) = RunDir::open(&arguments.run)?;
     let place = format!("run {}", shown(run.path()));
     arguments.allow.permit(&mut config.environment, &place, false).map_err(Failure::BadInput)?;
@@ -64,6 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Failure::unwritten(message, &error)
     })?;
     let (mut trainer, init) = first_step(&run, &config)?;
+    let signals = Signals::listen();
     let (again, recorder) = start_again(&folder.path().join("run"), &config, init.as_ref())?;
     let mut observers = Fanout::default();
     observers.0.push(Box::new(recorder));

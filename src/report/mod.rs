@@ -22,7 +22,7 @@ use std::path::Path;
 use serde_json::Value;
 
 pub use html::{is_page, page};
-pub use study::standing;
+pub use study::{describe_last_tries, standing};
 
 use crate::files::read_text_limited;
 use crate::run::names::{MANIFEST, METRICS};

@@ -2,12 +2,10 @@
 
 use std::sync::Arc;
 
-use serde::Deserialize;
-
 use super::ReportError;
 use super::history;
 use crate::env::Spec;
-use crate::study::{NamedConfig, SCORE_EPISODES, StudyDir};
+use crate::study::{Finished, LeftOut, NamedConfig, PolicyScore, SCORE_EPISODES, StudyDir};
 use crate::trainer::Evaluation;
 
 /// The finished trials of a config, in the order of their seeds.
@@ -31,24 +29,17 @@ pub(super) struct Outcome {
 }
 
 /// What a policy came to.
-#[derive(Debug, Deserialize)]
+#[derive(Debug)]
 pub(super) struct Score {
     pub(super) mean: f64,
-    #[serde(default)]
     endured: Option<u64>,
 }
 
-/// The line of a trial.
-#[derive(Deserialize)]
-struct Line {
-    error: Option<Box<str>>,
-    best: Option<Score>,
-    #[serde(rename = "final")]
-    final_: Option<Score>,
-    evaluations: Vec<Evaluation>,
-}
-
 impl Score {
+    fn of(policy: &PolicyScore) -> Self {
+        Self { mean: policy.mean, endured: policy.endured }
+    }
+
     /// Whether the policy lasts in every episode; none where the study does not ask.
     pub(super) fn endures(&self) -> Option<bool> {
         self.endured.map(|endured| endured == SCORE_EPISODES)
@@ -57,17 +48,19 @@ impl Score {
 
 impl Outcome {
     /// Takes the `steps` of another trial if they are its own.
-    fn new(seed: u64, line: Line, steps: &mut Arc<[u64]>) -> Result<Self, String> {
-        let Line { error, best, final_, evaluations } = line;
-        if !evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
-            return Err("its evaluations are not in the order of their steps".into());
-        }
-        let own = evaluations.iter().map(|evaluation| evaluation.env_steps);
+    fn new(Finished { trial, .. }: Finished, steps: &mut Arc<[u64]>) -> Self {
+        let own = trial.evaluations.iter().map(|evaluation| evaluation.env_steps);
         if !own.clone().eq(steps.iter().copied()) {
             *steps = own.collect();
         }
-        let means = evaluations.iter().map(|evaluation| evaluation.mean).collect();
-        Ok(Self { seed, error, best, final_, steps: Arc::clone(steps), means })
+        Self {
+            seed: trial.seed,
+            best: trial.best.as_ref().map(Score::of),
+            final_: trial.final_.as_ref().map(Score::of),
+            steps: Arc::clone(steps),
+            means: trial.evaluations.iter().map(|evaluation| evaluation.mean).collect(),
+            error: trial.error.map(String::into_boxed_str),
+        }
     }
 
     /// The evaluations during training.
@@ -82,8 +75,8 @@ impl Outcome {
     }
 }
 
-/// The configs that have finished trials, and notes on what is left out.
-pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Vec<String>), ReportError> {
+/// The configs that have finished trials, and what is left out.
+pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, LeftOut), ReportError> {
     let named = study_dir.study().configs.iter();
     let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {
         name: name.clone(),
@@ -92,12 +85,12 @@ pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Vec<String>), Re
     };
     let mut groups: Vec<Group> = named.map(group).collect();
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
-    let notes = study_dir.read(|trial| {
-        let outcome = Outcome::new(trial.seed, trial.parse()?, &mut steps[trial.config])?;
-        groups[trial.config].outcomes.push(outcome);
+    let left_out = study_dir.read(|trial| {
+        let config = trial.config;
+        groups[config].outcomes.push(Outcome::new(trial, &mut steps[config]));
         Ok(())
     })?;
     groups.retain(|group| !group.outcomes.is_empty());
     groups.iter_mut().for_each(|group| group.outcomes.sort_unstable_by_key(|outcome| outcome.seed));
-    Ok((groups, notes))
+    Ok((groups, left_out))
 }

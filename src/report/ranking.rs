@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::outcome::{Group, Outcome, Score};
 use super::statistics::{Estimate, iqm, mean, shown, sorted};
 use crate::env::Spec;
+use crate::study::{LastTry, Study};
 use crate::text::{legend, table, visible};
 
 /// Most reasons that are printed.
@@ -83,20 +84,28 @@ pub(super) fn rows<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Vec<Vec<Stri
 /// What the rows are.
 pub(super) const HEADING: &str = "Mean return of the final policies over the seeds, the best config first:";
 
-/// Why trials failed, the most frequent reason first. Reasons that differ in their numbers alone are one.
+/// Why trials diverged, see [`reasons`].
 pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
+    reasons(groups.iter().flat_map(|Group { name, outcomes, .. }| {
+        let reason = |outcome: &'_ Outcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
+        outcomes.iter().filter_map(reason).map(|(seed, error)| (name.clone(), seed, error))
+    }))
+}
+
+/// Why the last tries of missing trials ended, see [`reasons`].
+pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
+    let name = |config: usize| study.configs[config].name.clone();
+    reasons(last_tries.into_iter().map(|LastTry { config, seed, reason }| (name(config), seed, reason)))
+}
+
+/// The reasons of trials by config and seed, the most frequent first. Reasons that differ in their numbers alone are one.
+fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures> {
     let mut kinds: Vec<(String, Failures)> = Vec::new();
-    let outcomes =
-        groups.iter().flat_map(|group| group.outcomes.iter().map(|outcome| (&group.name, outcome)));
-    for (config, Outcome { seed, error, .. }) in outcomes {
-        let Some(reason) = error else { continue };
+    for (config, seed, reason) in trials {
         let kind = reason.replace(|c: char| c.is_ascii_digit(), "");
         match kinds.iter_mut().find(|(known, _)| *known == kind) {
             Some((_, failures)) => failures.trials += 1,
-            None => {
-                let (reason, config) = (reason.to_string(), config.clone());
-                kinds.push((kind, Failures { trials: 1, reason, config, seed: *seed }));
-            }
+            None => kinds.push((kind, Failures { trials: 1, reason, config, seed })),
         }
     }
     let mut failures: Vec<Failures> = kinds.into_iter().map(|(_, failures)| failures).collect();
@@ -104,19 +113,37 @@ pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
     failures
 }
 
+/// How the last tries of missing trials ended, a line for each reason; nothing if there was none.
+pub(super) fn last_try_lines(last_tries: &[Failures]) -> Vec<String> {
+    match last_tries.iter().map(|failures| failures.trials).sum() {
+        0 => Vec::new(),
+        begun => reason_lines(
+            last_tries,
+            format!(
+                "Why the last tries of {begun} missing trials ended without a result; the next ones resume them:"
+            ),
+        ),
+    }
+}
+
 /// A sentence on how many of the trials failed, and one on each reason; nothing if none did.
 pub(super) fn failure_lines(failures: &[Failures], trials: usize) -> Vec<String> {
-    let failed: usize = failures.iter().map(|failures| failures.trials).sum();
-    if failed == 0 {
-        return Vec::new();
+    match failures.iter().map(|failures| failures.trials).sum() {
+        0 => Vec::new(),
+        failed => reason_lines(
+            failures,
+            format!("{failed} of {trials} trials failed and count with the lowest return of the task:"),
+        ),
     }
+}
+
+fn reason_lines(failures: &[Failures], heading: String) -> Vec<String> {
     let line = |Failures { trials, reason, config, seed }: &Failures| {
         let (reason, config) = (visible(reason), visible(config));
         let which = if *trials == 1 { "" } else { "first: " };
         format!("  {trials} ×: {reason} ({which}{config}, seed {seed})")
     };
-    let mut lines =
-        vec![format!("{failed} of {trials} trials failed and count with the lowest return of the task:")];
+    let mut lines = vec![heading];
     lines.extend(failures.iter().take(MAX_REASONS).map(line));
     if failures.len() > MAX_REASONS {
         lines.push(format!("  … and {} other reasons; report.json has all", failures.len() - MAX_REASONS));

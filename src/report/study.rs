@@ -6,13 +6,13 @@ use std::path::Path;
 use serde_json::json;
 
 use super::outcome::{self, Group};
-use super::ranking::{self, Ranked, failure_lines, failures, named_table};
+use super::ranking::{self, Ranked, failure_lines, failures, last_tries, last_try_lines, named_table};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
 use super::summary::{Bootstrap, ConfigReport, StudyReport, compare, config_report};
 use super::text::{describe, footnote};
 use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
 use crate::run::names::EVALUATIONS;
-use crate::study::{self, NamedConfig, StudyDir};
+use crate::study::{self, LastTry, LeftOut, NamedConfig, StudyDir};
 use crate::text::wrapped;
 use crate::trainer::Evaluation;
 
@@ -30,7 +30,7 @@ pub(super) struct Study {
 impl Study {
     pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
         let study_dir = StudyDir::open_to_read(folder)?;
-        let (groups, notes) = read_groups(folder, &study_dir)?;
+        let (groups, left_out) = read_groups(folder, &study_dir)?;
         let study = study_dir.study();
         let configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
         let report = StudyReport {
@@ -41,13 +41,14 @@ impl Study {
             finished: groups.iter().map(|group| group.outcomes.len()).sum(),
             failed: configs.iter().map(|config| config.failed).sum(),
             failures: failures(&groups),
+            last_tries: last_tries(study, left_out.last_tries),
             bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
             warnings: warnings(study, &configs),
             comparisons: configs.iter().skip(1).map(|config| compare(config, &configs[0])).collect(),
             seeds: study.seeds.clone(),
             configs,
         };
-        Ok(Self { configs: study.configs.clone(), groups, report, notes })
+        Ok(Self { configs: study.configs.clone(), groups, report, notes: left_out.notes })
     }
 }
 
@@ -67,12 +68,21 @@ fn runs(groups: &[Group]) -> impl Iterator<Item = (&str, u64, Vec<Evaluation>)> 
     })
 }
 
-fn read_groups(folder: &Path, study_dir: &StudyDir) -> Result<(Vec<Group>, Vec<String>), ReportError> {
-    let (groups, notes) = outcome::read(study_dir)?;
+fn read_groups(folder: &Path, study_dir: &StudyDir) -> Result<(Vec<Group>, LeftOut), ReportError> {
+    let (groups, left_out) = outcome::read(study_dir)?;
     if groups.is_empty() {
-        return Err(ReportError::new(folder, "no trial is finished yet; run the study's command first"));
+        let why = describe_last_tries(study_dir.study(), left_out.last_tries);
+        return Err(ReportError::new(
+            folder,
+            format!("no trial is finished yet; run the study's command first\n{why}").trim_end(),
+        ));
     }
-    Ok((groups, notes))
+    Ok((groups, left_out))
+}
+
+/// Why the last tries of missing trials ended, in words; nothing if there was none.
+pub fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
+    last_try_lines(&last_tries(study, tries)).iter().map(|line| wrapped(line, 0)).collect()
 }
 
 /// What a reader must know of the numbers: one note for all configs that it is true of.

@@ -29,6 +29,9 @@ pub(super) struct StudyReport {
     pub(super) finished: usize,
     pub(super) failed: usize,
     pub(super) failures: Vec<Failures>,
+    /// Why the last tries of missing trials ended.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) last_tries: Vec<Failures>,
     pub(super) bootstrap: Bootstrap,
     pub(super) warnings: Vec<String>,
     pub(super) configs: Vec<ConfigReport>,

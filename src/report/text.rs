@@ -1,6 +1,6 @@
 //! The report of a study in words: tables and notes.
 
-use super::ranking::{self, Ranked, failure_lines, named_table};
+use super::ranking::{self, Ranked, failure_lines, last_try_lines, named_table};
 use super::statistics::{Estimate, shown};
 use super::summary::{Comparison, ConfigReport, ConfigRetention, Endurance, StepsToSolve, StudyReport};
 use crate::env::Spec;
@@ -142,6 +142,7 @@ pub(super) fn footnote(task: &Spec, has_intervals: bool) -> String {
 /// The notes below the tables.
 pub(super) fn remarks(report: &StudyReport) -> Vec<String> {
     let mut remarks = failure_lines(&report.failures, report.finished);
+    remarks.extend(last_try_lines(&report.last_tries));
     remarks.extend(report.warnings.iter().map(|warning| format!("note: {}", visible(warning))));
     remarks.push(footnote(
         &report.configs[0].task,

@@ -5,7 +5,7 @@ use std::sync::{Arc, mpsc};
 use std::thread;
 
 use super::store::Writer;
-use super::{Study, StudyDir, StudyError, Trial};
+use super::{Study, StudyDir, StudyError, Trial, Unended};
 use crate::config::Config;
 use crate::env::Make;
 
@@ -17,13 +17,13 @@ impl StudyDir {
     /// trial begins, and those that have begun are kept as they are: who runs them next resumes them.
     ///
     /// # Errors
-    /// When a trial cannot be written. A trial that fails is no error.
+    /// When a trial cannot be written, which sets `stop`. A trial that diverges or does not come to its end is no error.
     pub fn run(
         &self,
         trials: &[(usize, u64)],
         jobs: usize,
         stop: &AtomicBool,
-        done: impl FnMut(&Trial),
+        done: impl FnMut(&Result<Trial, Unended>),
     ) -> Result<(), StudyError> {
         self.run_in(trials, &|config| config.make(), jobs, stop, done)
     }
@@ -38,51 +38,56 @@ impl StudyDir {
         make: &MakeFor,
         jobs: usize,
         stop: &AtomicBool,
-        mut done: impl FnMut(&Trial),
+        mut done: impl FnMut(&Result<Trial, Unended>),
     ) -> Result<(), StudyError> {
         if trials.is_empty() {
             return Ok(());
         }
         let mut writer = Writer::new(self)?;
-        let is_resumed = self.has_unfinished();
         let next = AtomicUsize::new(0);
-        let failed = AtomicBool::new(false);
         let (sender, finished) = mpsc::channel();
         thread::scope(|scope| {
             for _ in 0..jobs.min(trials.len()) {
                 let sender = sender.clone();
                 scope.spawn(|| {
                     let sender = sender;
-                    let is_over = || failed.load(Ordering::Relaxed) || stop.load(Ordering::Relaxed);
-                    while !is_over()
+                    while !stop.load(Ordering::Relaxed)
                         && let Some(&number) = trials.get(next.fetch_add(1, Ordering::Relaxed))
-                        && let Some(trial) = self.run_trial(number, make, stop)
-                        && sender.send((number, trial)).is_ok()
-                    {}
+                        && sender.send((number, self.run_trial(number, make, stop))).is_ok()
+                    {
+                    }
                 });
             }
             drop(sender);
-            for (number, trial) in finished {
-                // After an error the file may end in the middle of a line, and nothing may follow.
-                writer.append(&trial).inspect_err(|_| failed.store(true, Ordering::Relaxed))?;
-                if is_resumed {
-                    self.forget_unfinished(number);
+            for (number, ended) in finished {
+                match &ended {
+                    Ok(trial) => {
+                        // After an error the file may end in the middle of a line, and nothing may follow: the other trials
+                        // are stopped, and kept if there is room for that.
+                        writer.append(trial).inspect_err(|_| stop.store(true, Ordering::Relaxed))?;
+                        self.forget_unfinished(number);
+                    }
+                    Err(unended) => self.record_last_try(number, &unended.cause.to_string()),
                 }
-                done(&trial);
+                done(&ended);
             }
             writer.finish()
         })
     }
 
-    /// Runs a trial, from where it was interrupted if it was; none if `stop` was set before its end.
-    fn run_trial(&self, number: (usize, u64), make: &MakeFor, stop: &AtomicBool) -> Option<Trial> {
+    /// Runs a trial, from its newest checkpoint if it has one.
+    fn run_trial(&self, number: (usize, u64), make: &MakeFor, stop: &AtomicBool) -> Result<Trial, Unended> {
         let named = &self.study().configs[number.0];
         let (make, unfinished) = (make(&named.config), self.unfinished(number));
+        self.forget_last_try(number);
         Trial::run(named, make, number.1, self.study().endurance, Some(&unfinished), stop)
     }
 
-    /// Runs the first trial and keeps nothing of it; none if `stop` was set before its end.
-    pub fn try_first(&self, stop: &AtomicBool) -> Option<Trial> {
+    /// Runs the first trial and keeps nothing of it.
+    ///
+    /// # Errors
+    /// When it does not come to its end.
+    pub fn try_first(&self, stop: &AtomicBool) -> Result<Trial, Unended> {
         let Study { configs, seeds, endurance, .. } = self.study();
         let named = &configs[0];
         Trial::run(named, named.config.make(), seeds.start, *endurance, None, stop)

@@ -14,8 +14,8 @@ use std::path::PathBuf;
 use crate::text::shown;
 
 pub use plan::{FORMAT_VERSION, MAX_SEEDS, NamedConfig, Shard, Study};
-pub use store::{Finished, StudyDir};
-pub use trial::{ENDURANCE_STEPS, PolicyScore, SCORE_EPISODES, Trial};
+pub use store::{Finished, LastTry, LeftOut, StudyDir};
+pub use trial::{Cause, ENDURANCE_STEPS, PolicyScore, SCORE_EPISODES, Trial, Unended};
 
 /// Why a study cannot be run or read.
 #[derive(Debug, thiserror::Error)]
@@ -46,7 +46,7 @@ pub enum StudyError {
         /// Why.
         problem: String,
     },
-    /// The directory cannot be written.
+    /// A new study cannot be written into the directory.
     #[error("cannot write {}: {source}; choose another --out", shown(path))]
     Unwritable {
         /// The directory.
@@ -55,9 +55,12 @@ pub enum StudyError {
         source: io::Error,
     },
     /// A trial cannot be written.
-    #[error("cannot write {}: {source}; the same command resumes the study", shown(path))]
+    #[error(
+        "cannot write {}: {source}; when the problem is solved, the same command resumes the study",
+        shown(path)
+    )]
     Write {
-        /// The file.
+        /// The file, or the directory of these files.
         path: PathBuf,
         /// Why.
         source: io::Error,

@@ -1,30 +1,36 @@
 //! The directory of a study. Beside `study.json` it has the finished trials, one a line: each process appends its own to a
 //! file of its own, `trials/HOST-PROCESS-RANDOM.jsonl`. So processes need no lock, and a process that is killed can leave
 //! nothing worse than an unfinished last line, which readers ignore.
+//!
+//! `unfinished/CONFIG-SEED.safetensors` is the newest checkpoint of a trial that has no line, and `unfinished/CONFIG-SEED.txt`
+//! says why its last try ended. They are no results, and go when the trial has its line.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::{Study, StudyError, Trial};
 use crate::config::EnvironmentConfig;
-use crate::files::open_ordinary;
+use crate::files::{open_ordinary, read_text_limited, remove_unfinished, write_whole};
 use crate::run::names::MANIFEST;
 use crate::text::shown;
 
 const TRIALS: &str = "trials";
 const UNFINISHED: &str = "unfinished";
 const EXTENSION: &str = "jsonl";
+const CHECKPOINT: &str = "safetensors";
+const REASON: &str = "txt";
+/// Longest reason that is read, in bytes.
+const MAX_REASON: u64 = 1 << 16;
 /// Longest line that is read, in bytes.
 const MAX_LINE: u64 = 1 << 26;
 /// How much of a file is read at once, in bytes.
 const BUFFER: usize = 1 << 18;
-/// How long a finished trial may be known to the system alone, which loses it with the power.
+/// Longest time between two fsyncs; a power cut loses at most these trials.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Takes a finished trial.
@@ -37,34 +43,33 @@ pub struct StudyDir {
     study: Study,
 }
 
-/// What every reader needs to know of a trial's line.
-#[derive(Debug, Deserialize)]
-struct Key {
-    config: String,
-    seed: u64,
-    error: Option<IgnoredAny>,
-}
-
 /// A finished trial, as a reader of the directory gets it.
 #[derive(Debug)]
-pub struct Finished<'a> {
+pub struct Finished {
+    /// Index of its config.
+    pub config: usize,
+    /// Its line.
+    pub trial: Trial<IgnoredAny>,
+}
+
+/// What a reader of the finished trials does not see.
+#[derive(Debug, Default)]
+pub struct LeftOut {
+    /// Lines that no process has finished, lines that are no results, and trials with seeds that the study has not.
+    pub notes: Vec<String>,
+    /// The trials that have begun and have no line, by config and seed.
+    pub last_tries: Vec<LastTry>,
+}
+
+/// How the last try of a trial ended that has no line.
+#[derive(Debug)]
+pub struct LastTry {
     /// Index of its config.
     pub config: usize,
     /// Its seed.
     pub seed: u64,
-    /// Whether it failed.
-    pub failed: bool,
-    line: &'a [u8],
-}
-
-impl Finished<'_> {
-    /// The whole trial, or a part of it.
-    ///
-    /// # Errors
-    /// When the line is something else.
-    pub fn parse<T: for<'de> Deserialize<'de>>(&self) -> Result<T, String> {
-        serde_json::from_slice(self.line).map_err(|error| error.to_string())
-    }
+    /// What ended it.
+    pub reason: String,
 }
 
 impl StudyDir {
@@ -111,43 +116,101 @@ impl StudyDir {
         self.study.configs.iter_mut().map(|named| &mut named.config.environment)
     }
 
-    /// Where an interrupted trial is kept.
-    pub(super) fn unfinished(&self, (config, seed): (usize, u64)) -> PathBuf {
-        self.path.join(UNFINISHED).join(format!("{config}-{seed}.safetensors"))
+    /// The newest checkpoint of a trial without a line.
+    pub(super) fn unfinished(&self, trial: (usize, u64)) -> PathBuf {
+        self.unfinished_file(trial, CHECKPOINT)
     }
 
-    /// Whether there can be interrupted trials.
-    pub(super) fn has_unfinished(&self) -> bool {
-        self.path.join(UNFINISHED).exists()
+    fn unfinished_file(&self, (config, seed): (usize, u64), extension: &str) -> PathBuf {
+        self.path.join(UNFINISHED).join(format!("{config}-{seed}.{extension}"))
     }
 
-    /// Removes what is kept of a trial that has been finished since, if anything.
+    /// Keeps why a try has ended. Where that cannot be written, the process has said it, and the trial is missing all the same.
+    pub(super) fn record_last_try(&self, trial: (usize, u64), reason: &str) {
+        let path = self.unfinished_file(trial, REASON);
+        let _ = fs::create_dir_all(self.path.join(UNFINISHED))
+            .and_then(|()| write_whole(&path, |file| file.write_all(reason.as_bytes())));
+    }
+
+    /// Removes why the try before has ended: another one begins.
+    pub(super) fn forget_last_try(&self, trial: (usize, u64)) {
+        let _ = fs::remove_file(self.unfinished_file(trial, REASON));
+    }
+
+    /// Removes what is kept of a trial that has its line now.
     pub(super) fn forget_unfinished(&self, trial: (usize, u64)) {
+        self.forget_last_try(trial);
         let _ = fs::remove_file(self.unfinished(trial));
-        // The directory goes with the last of them.
-        let _ = fs::remove_dir(self.path.join(UNFINISHED));
     }
 
-    /// Shows every finished trial once, in no particular order. Returns notes on what is left out: lines that no process
-    /// has finished, and trials with seeds that the study has not.
+    /// The trials of which something is kept.
+    fn kept(&self) -> BTreeSet<(usize, u64)> {
+        let trial = |entry: io::Result<fs::DirEntry>| {
+            let path = entry.ok()?.path();
+            let extension = path.extension()?;
+            let (config, seed) = path.file_stem()?.to_str()?.split_once('-')?;
+            let is_own = extension == CHECKPOINT || extension == REASON;
+            is_own.then_some((config.parse().ok()?, seed.parse().ok()?))
+        };
+        fs::read_dir(self.path.join(UNFINISHED)).into_iter().flatten().filter_map(trial).collect()
+    }
+
+    /// Removes what killed processes have left of trials that have their line, and, once every trial has its line, the
+    /// directory with half files in it: before that another process may be writing there.
+    ///
+    /// # Errors
+    /// See [`Self::read`].
+    pub fn tidy(&self) -> Result<(), StudyError> {
+        let unfinished = self.path.join(UNFINISHED);
+        if unfinished.is_dir() {
+            let found = self.read_all(&mut |_| Ok(()))?.found;
+            self.kept()
+                .into_iter()
+                .filter(|trial| found.contains_key(trial))
+                .for_each(|trial| self.forget_unfinished(trial));
+            if found.len() as u64 == self.study.total() {
+                let _ = remove_unfinished(&unfinished);
+                let _ = fs::remove_dir(unfinished);
+            }
+        }
+        Ok(())
+    }
+
+    /// Shows every finished trial once, in no particular order, and returns what is left out.
     ///
     /// # Errors
     /// When a line is not one of this study, when `each` says so, or when two lines of one trial differ.
-    pub fn read(
-        &self,
-        mut each: impl FnMut(Finished) -> Result<(), String>,
-    ) -> Result<Vec<String>, StudyError> {
-        let trials = self.path.join(TRIALS);
-        let files = self.files().map_err(|error| StudyError::Unreadable { path: trials, source: error })?;
-        let mut reader = Reader::new(&files, &self.study);
-        for file in 0..files.len() {
-            reader.read(file, &mut each)?;
-        }
-        let Reader { mut notes, others, .. } = reader;
+    pub fn read(&self, mut each: impl FnMut(Finished) -> Result<(), String>) -> Result<LeftOut, StudyError> {
+        let Reader { mut notes, found, others, circumstances, .. } = self.read_all(&mut each)?;
         if others > 0 {
             notes.push(format!("{others} trials with other seeds than those of {MANIFEST} are ignored"));
         }
-        Ok(notes)
+        if circumstances > 0 {
+            notes.push(format!(
+                "{circumstances} lines of an earlier version say that an environment failed, which is no result: they are \
+                 ignored, and the study trains such trials again"
+            ));
+        }
+        let reason = |trial| {
+            read_text_limited(&self.unfinished_file(trial, REASON), MAX_REASON)
+                .unwrap_or_else(|_| "it is still being trained, or its process was killed".into())
+        };
+        let kept = self.kept().into_iter().filter(|trial| !found.contains_key(trial));
+        let kept = kept
+            .filter(|(config, seed)| *config < self.study.configs.len() && self.study.seeds.contains(seed));
+        let last_tries =
+            kept.map(|trial| LastTry { config: trial.0, seed: trial.1, reason: reason(trial) }).collect();
+        Ok(LeftOut { notes, last_tries })
+    }
+
+    fn read_all(&self, each: &mut Each) -> Result<Reader<'_>, StudyError> {
+        let trials = self.path.join(TRIALS);
+        let files = self.files().map_err(|error| StudyError::Unreadable { path: trials, source: error })?;
+        let mut reader = Reader::new(files, &self.study);
+        for file in 0..reader.files.len() {
+            reader.read(file, each)?;
+        }
+        Ok(reader)
     }
 
     /// The files of trials, by name.
@@ -166,7 +229,7 @@ impl StudyDir {
 
 /// Reads the files of a study one after the other.
 struct Reader<'a> {
-    files: &'a [PathBuf],
+    files: Vec<PathBuf>,
     study: &'a Study,
     configs: HashMap<&'a str, usize>,
     /// Where each trial was found first: index of the file, and the line's place in it.
@@ -174,19 +237,21 @@ struct Reader<'a> {
     notes: Vec<String>,
     /// Trials with other seeds than the study's.
     others: u64,
+    /// Lines that are no results.
+    circumstances: u64,
 }
 
 impl<'a> Reader<'a> {
-    fn new(files: &'a [PathBuf], study: &'a Study) -> Self {
+    fn new(files: Vec<PathBuf>, study: &'a Study) -> Self {
         let names = study.configs.iter().enumerate();
         let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
-        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0 }
+        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0, circumstances: 0 }
     }
 
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
-        let path = &self.files[file];
+        let path = self.files[file].clone();
         let unreadable = |source| StudyError::Unreadable { path: path.clone(), source };
-        let opened = match open_ordinary(File::options().read(true), path) {
+        let opened = match open_ordinary(File::options().read(true), &path) {
             // A process that had nothing to write has removed its file.
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
             opened => opened.map_err(unreadable)?,
@@ -201,7 +266,7 @@ impl<'a> Reader<'a> {
             }
             if line.pop_if(|byte| *byte == b'\n').is_none() && (length as u64) < MAX_LINE {
                 // Another process is writing it, or was killed while it did.
-                self.notes.push(format!("line {number} of {} is not finished and is ignored", shown(path)));
+                self.notes.push(format!("line {number} of {} is not finished and is ignored", shown(&path)));
                 break;
             }
             let bad = |problem| StudyError::Line { path: path.clone(), line: number, problem };
@@ -216,18 +281,26 @@ impl<'a> Reader<'a> {
         let not_a_trial = |problem: String| {
             format!("is not a trial of this study: {problem}; remove the line, and the study trains it again")
         };
-        let Key { config, seed, error } = Key::of(line).map_err(|error| not_a_trial(error.to_string()))?;
+        let trial: Trial<IgnoredAny> =
+            serde_json::from_slice(line).map_err(|error| not_a_trial(error.to_string()))?;
+        let Trial { config, seed, .. } = &trial;
         let index = self.configs.get(config.as_str());
         let index = *index.ok_or_else(|| not_a_trial(format!("it belongs to a config {config:?}")))?;
-        if !self.study.seeds.contains(&seed) {
+        if trial.is_circumstance() {
+            self.circumstances += 1;
+            return Ok(());
+        }
+        if let Some(problem) = trial.problem() {
+            return Err(not_a_trial(problem.into()));
+        }
+        if !self.study.seeds.contains(seed) {
             self.others += 1;
             return Ok(());
         }
-        match self.found.get(&(index, seed)) {
+        match self.found.get(&(index, *seed)) {
             None => {
-                self.found.insert((index, seed), place);
-                let trial = Finished { config: index, seed, failed: error.is_some(), line };
-                each(trial).map_err(not_a_trial)
+                self.found.insert((index, *seed), place);
+                each(Finished { config: index, trial }).map_err(not_a_trial)
             }
             Some(&first) => self.compare(first, line).map_err(|other| {
                 format!(
@@ -257,24 +330,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl Key {
-    /// As this program writes a line, what is asked for stands first, and the rest need not be read.
-    fn of(line: &[u8]) -> serde_json::Result<Self> {
-        Self::of_start(line).map_or_else(|| serde_json::from_slice(line), Ok)
-    }
-
-    fn of_start(line: &[u8]) -> Option<Self> {
-        let rest = line.strip_prefix(b"{\"config\":")?;
-        let mut values = serde_json::Deserializer::from_slice(rest).into_iter();
-        let config = values.next()?.ok()?;
-        let rest = rest[values.byte_offset()..].strip_prefix(b",\"seed\":")?;
-        let end = rest.iter().position(|&byte| byte == b',')?;
-        let seed = str::from_utf8(&rest[..end]).ok()?.parse().ok()?;
-        let is_good = rest[end..].starts_with(b",\"error\":null,") && line.ends_with(b"}");
-        is_good.then_some(Self { config, seed, error: None })
-    }
-}
-
 /// The file of a process, to which it appends the trials that it has finished.
 pub(super) struct Writer {
     path: PathBuf,
@@ -301,7 +356,7 @@ impl Writer {
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
             builder.tempfile_in(&folder)?.keep().map_err(|error| error.error)
         };
-        let (file, path) = new().map_err(|source| StudyError::Unwritable { path: folder.clone(), source })?;
+        let (file, path) = new().map_err(|source| StudyError::Write { path: folder.clone(), source })?;
         Ok(Self { path, file, synced: Instant::now(), is_empty: true })
     }
 

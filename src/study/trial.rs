@@ -1,4 +1,5 @@
-//! One trial: a config trained with a seed, and what became of it.
+//! One trial: a config trained with a seed, and its result. What ends a try without following from config and seed is no
+//! result: such a try is [`Unended`], and the next one resumes it.
 
 use std::fs;
 use std::io;
@@ -14,8 +15,10 @@ use crate::agent::Policy;
 use crate::config::Config;
 use crate::env::{EnvironmentError, Make, Spec};
 use crate::run::Checkpoint;
+use crate::text::shown;
 use crate::trainer::{
-    EndReason, Evaluation, Event, Observer, Progress, SCORE_SEED, Score, TrainError, Trainer, evaluate,
+    CheckpointKind, DueCheckpoint, EndReason, Evaluation, Event, Observer, Progress, ResumeError, SCORE_SEED,
+    Score, Snapshot, TrainError, Trainer, evaluate,
 };
 
 /// Episodes that score a policy, as many as `eval` plays.
@@ -23,21 +26,24 @@ pub const SCORE_EPISODES: u64 = 100;
 /// Steps that a policy must last in a study of endurance: 400 s, in which a cart that drifts has left the track.
 pub const ENDURANCE_STEPS: u32 = 20_000;
 
-/// The line of a trial. It holds no wall-clock values, so that equal trials are equal lines. Its key comes first, so that
-/// readers who need no more find it fast.
+/// How the error of a trial begins. Earlier versions also wrote lines with the errors of environments, which are no results.
+const DIVERGED: &str = "training diverged: ";
+
+/// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers of a study need
+/// no summary and skip it, as another type `S`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Trial {
+pub struct Trial<S = Value> {
     /// Name of the config.
     pub config: String,
     /// Seed of the run.
     pub seed: u64,
-    /// Why the run failed; none if it did not.
+    /// How the training diverged; none if it did not.
     pub error: Option<String>,
-    /// What the run came to, as in `summary.json` without `wall_seconds`; none if it failed.
-    pub summary: Option<Value>,
-    /// Score of the policy with the best evaluation; none if the run failed before the first.
+    /// What the run came to, as in `summary.json` without `wall_seconds`; none if it diverged.
+    pub summary: Option<S>,
+    /// Score of the policy with the best evaluation; none if the run diverged before the first.
     pub best: Option<PolicyScore>,
-    /// Score of the policy at the end; none if the run failed.
+    /// Score of the policy at the end; none if the run diverged.
     #[serde(rename = "final")]
     pub final_: Option<PolicyScore>,
     /// The evaluations during training.
@@ -92,9 +98,63 @@ struct Unfinished {
     evaluations: Vec<Evaluation>,
 }
 
+/// A try that has not come to its end.
+#[derive(Debug, thiserror::Error)]
+#[error("{config}, seed {seed}: {cause}")]
+pub struct Unended {
+    /// Name of the config.
+    pub config: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// What ended it.
+    pub cause: Cause,
+    /// Whether the study keeps a checkpoint of it. Otherwise the next try begins at the first step.
+    pub is_kept: bool,
+}
+
+/// What ends a try without a result.
+#[derive(Debug, thiserror::Error)]
+pub enum Cause {
+    /// It was asked to stop.
+    #[error("stopped by a signal or --time-limit after step {0}")]
+    Stopped(u64),
+    /// The environment failed, or a checkpoint could not be written.
+    #[error(transparent)]
+    Failed(#[from] TrainError),
+}
+
+impl From<EnvironmentError> for Cause {
+    fn from(error: EnvironmentError) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+impl<S> Trial<S> {
+    /// Whether the line records what happened around the training, as earlier versions wrote it, and no result.
+    pub(super) fn is_circumstance(&self) -> bool {
+        self.error.as_ref().is_some_and(|error| !error.starts_with(DIVERGED))
+    }
+
+    /// What makes this the line of no trial; none if nothing does.
+    pub(super) fn problem(&self) -> Option<&'static str> {
+        let rules = [
+            (
+                self.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps),
+                "its evaluations are not in the order of their steps",
+            ),
+            (
+                self.error.is_none() == self.final_.is_some()
+                    && self.final_.is_some() == self.summary.is_some(),
+                "a trial has either an `error`, or a `summary` and a `final` score",
+            ),
+        ];
+        rules.into_iter().find_map(|(holds, rule)| (!holds).then_some(rule))
+    }
+}
+
 impl Trial {
-    /// Trains the config with the seed and scores what it came to. If `stop` is set before that, there is none, and the file
-    /// `unfinished` keeps the run, which the next call resumes. A file that cannot be read or written costs only time.
+    /// Trains the config with the seed and scores what it came to. The file `unfinished` has the newest checkpoint of a try
+    /// that did not end, and this one resumes it.
     pub(super) fn run(
         named: &NamedConfig,
         make: Arc<Make>,
@@ -102,44 +162,59 @@ impl Trial {
         endurance: bool,
         unfinished: Option<&Path>,
         stop: &AtomicBool,
-    ) -> Option<Self> {
+    ) -> Result<Self, Unended> {
         let mut config = named.config.clone();
         config.seed = seed;
+        let mut keeper =
+            Keeper { config: &config, path: unfinished, evaluations: Vec::new(), is_kept: false };
+        Self::try_run(&named.name, make, endurance, &mut keeper, stop).map_err(|cause| {
+            let is_kept = keeper.is_kept;
+            Unended { config: named.name.clone(), seed, cause, is_kept }
+        })
+    }
+
+    fn try_run(
+        name: &str,
+        make: Arc<Make>,
+        endurance: bool,
+        keeper: &mut Keeper,
+        stop: &AtomicBool,
+    ) -> Result<Self, Cause> {
+        let config = keeper.config;
+        let mut trainer = match keeper.resume(&make)? {
+            Some(trainer) => trainer,
+            None => config.make_trainer_in(Arc::clone(&make))?,
+        };
+        let ended = match trainer.run(keeper, stop) {
+            Ok(EndReason::Interrupted) => {
+                keeper.keep(trainer.snapshot()).map_err(TrainError::Checkpoint)?;
+                return Err(Cause::Stopped(trainer.progress().env_steps));
+            }
+            Ok(reason) => Ok(reason),
+            Err(diverged @ TrainError::Diverged { .. }) => Err(diverged.to_string()),
+            Err(error) => return Err(error.into()),
+        };
         let mut trial = Self {
-            config: named.name.clone(),
-            seed,
-            error: None,
+            config: name.to_owned(),
+            seed: config.seed,
+            error: ended.clone().err(),
             summary: None,
             best: None,
             final_: None,
-            evaluations: Vec::new(),
+            evaluations: keeper.evaluations.clone(),
         };
-        let resumed = unfinished.and_then(|path| resume(&config, &make, path));
-        let begun = || Ok((config.make_trainer_in(Arc::clone(&make))?, Evaluations(Vec::new())));
-        match resumed.map_or_else(begun, Ok).map_err(|error: EnvironmentError| error.to_string()) {
-            Ok((mut trainer, mut evaluations)) => {
-                let ended = trainer.run(&mut evaluations, stop);
-                trial.evaluations = evaluations.0;
-                if matches!(ended, Ok(EndReason::Interrupted)) {
-                    let _ = unfinished.map(|path| keep(&trainer, &config, trial.evaluations, path));
-                    return None;
-                }
-                let scored = trial.score(&trainer, &*make, ended.as_ref().ok().copied(), endurance);
-                trial.error = ended.err().or(scored.err()).map(|error| error.to_string());
-            }
-            Err(error) => trial.error = Some(error),
-        }
-        Some(trial)
+        trial.score(&trainer, &*make, ended.ok(), endurance)?;
+        Ok(trial)
     }
 
-    /// Scores the best policy of a run, and the last one and the whole of a run that did not fail.
+    /// Scores the best policy; if the run did not diverge, also the final one, and records the summary.
     fn score(
         &mut self,
         trainer: &Trainer,
         make: &Make,
         end_reason: Option<EndReason>,
         endurance: bool,
-    ) -> Result<(), TrainError> {
+    ) -> Result<(), EnvironmentError> {
         let (progress, spec) = (trainer.progress(), trainer.spec());
         let score = |policy: &Policy, evaluation: Evaluation| {
             PolicyScore::new(policy, make, spec, evaluation.env_steps, endurance)
@@ -164,32 +239,89 @@ impl Trial {
     }
 }
 
-/// Keeps the evaluations of a run and lets everything else go.
-struct Evaluations(Vec<Evaluation>);
+/// Collects the evaluations of a run and keeps its newest checkpoint. A program can fail, so its checkpoints are kept when
+/// they are due. Our own environments cannot, and their trials are short: they are kept when they are stopped.
+struct Keeper<'a> {
+    config: &'a Config,
+    /// None where nothing is to be kept.
+    path: Option<&'a Path>,
+    evaluations: Vec<Evaluation>,
+    /// Whether the file is there.
+    is_kept: bool,
+}
 
-impl Observer for Evaluations {
+impl Observer for Keeper<'_> {
     fn event(&mut self, event: &Event) -> io::Result<()> {
         if let Event::Evaluation { env_steps, mean, .. } = *event {
-            self.0.push(Evaluation { env_steps, mean });
+            self.evaluations.push(Evaluation { env_steps, mean });
         }
         Ok(())
     }
+
+    fn checkpoint(&mut self, checkpoint: &DueCheckpoint<'_>) -> io::Result<()> {
+        let is_due = checkpoint.kind != CheckpointKind::Best && self.config.environment.command().is_some();
+        if is_due { self.keep(checkpoint.snapshot()) } else { Ok(()) }
+    }
 }
 
-/// Writes a run that was interrupted, to be resumed.
-fn keep(trainer: &Trainer, config: &Config, evaluations: Vec<Evaluation>, path: &Path) -> io::Result<()> {
-    let snapshot = trainer.snapshot();
-    let Some(progress) = snapshot.progress else { return Ok(()) };
-    let mut checkpoint = Checkpoint::new(&Unfinished { settings: json!(config), progress, evaluations })?;
-    checkpoint.tensors = snapshot.tensors;
-    path.parent().map_or(Ok(()), fs::create_dir_all)?;
-    checkpoint.write(path)
+impl Keeper<'_> {
+    fn keep(&mut self, snapshot: Snapshot) -> io::Result<()> {
+        let (Some(path), Some(progress)) = (self.path, snapshot.progress) else { return Ok(()) };
+        let (settings, evaluations) = (json!(self.config), self.evaluations.clone());
+        let mut checkpoint = Checkpoint::new(&Unfinished { settings, progress, evaluations })?;
+        checkpoint.tensors = snapshot.tensors;
+        let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| checkpoint.write(path));
+        written.map_err(|error| {
+            io::Error::new(error.kind(), format!("cannot write {}: {error}", shown(path)))
+        })?;
+        self.is_kept = true;
+        Ok(())
+    }
+
+    /// The run of an earlier try, if its file is there and whole.
+    fn resume(&mut self, make: &Arc<Make>) -> Result<Option<Trainer>, EnvironmentError> {
+        let Some(checkpoint) = self.path.and_then(|path| Checkpoint::read(path).ok()) else {
+            return Ok(None);
+        };
+        let header = checkpoint.header::<Unfinished>().ok();
+        let header = header.filter(|header| header.settings == json!(self.config));
+        let Some(Unfinished { progress, evaluations, .. }) = header else { return Ok(None) };
+        self.is_kept = true;
+        let trainer = self.config.make_trainer_in(Arc::clone(make))?;
+        match trainer.resume(progress, &checkpoint.tensors) {
+            Ok(trainer) => {
+                self.evaluations = evaluations;
+                Ok(Some(trainer))
+            }
+            Err(ResumeError::Environment(error)) => Err(error),
+            Err(_) => {
+                self.is_kept = false;
+                Ok(None)
+            }
+        }
+    }
 }
 
-/// The run that was interrupted, if its file is there and whole.
-fn resume(config: &Config, make: &Arc<Make>, path: &Path) -> Option<(Trainer, Evaluations)> {
-    let checkpoint = path.exists().then(|| Checkpoint::read(path).ok()).flatten()?;
-    let Unfinished { settings, progress, evaluations } = checkpoint.header().ok()?;
-    let trainer = config.make_trainer_in(Arc::clone(make)).ok().filter(|_| settings == json!(config))?;
-    Some((trainer.resume(progress, &checkpoint.tensors).ok()?, Evaluations(evaluations)))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::NotFinite;
+
+    #[test]
+    fn only_divergence_is_an_error_that_is_a_result() {
+        let diverged = TrainError::Diverged { env_steps: 7, what: NotFinite::Loss };
+        let environment = TrainError::from(EnvironmentError::new("./dock", "it ended"));
+        for (error, is_circumstance) in [(diverged, false), (environment, true)] {
+            let trial = Trial::<Value> {
+                config: "a".into(),
+                seed: 0,
+                error: Some(error.to_string()),
+                summary: None,
+                best: None,
+                final_: None,
+                evaluations: Vec::new(),
+            };
+            assert_eq!(trial.is_circumstance(), is_circumstance, "{error}");
+        }
+    }
 }

@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
 # tests/cluster/slurm.sh BINARY: a study as a job array of a Slurm with one node, which this script starts and stops. One task
-# gets SIGTERM as before its time limit, one is killed and requeued. Needs Debian's slurmctld, slurmd, slurm-client and munge,
+# gets SIGTERM as before its time limit, one is killed and requeued. Then a study on a program: Slurm signals the programs too,
+# once with SIGTERM as before a time limit and once by a plain scancel. Needs a C compiler, Debian's slurmctld, slurmd, slurm-client and munge,
 # and root. No systemd is needed: the daemons get their directories from a slurm.conf of their own.
 set -euo pipefail
 binary=$(realpath "${1:?the program}")
 script=$(realpath "$(dirname "$0")/../../scripts/cluster/slurm.sbatch")
+example=$(realpath "$(dirname "$0")/../../adapters/example.c")
 tmp=$(mktemp -d)
 host=$(hostname -s)
 stop() {
@@ -77,4 +79,30 @@ done
 "$binary" study one --quiet
 for study in slurm one; do "$binary" report "$study" --out "$study-report" --json >/dev/null; done
 cmp one-report/report.json slurm-report/report.json || fail 'another report than that of one process'
+
+cc -O2 -ffp-contract=off -o dock "$example" -lm
+programs=(--set 'environment={"command":["./dock"]}' --set observation_divisors=null --set replay.mirror=false
+    --set optimizer.schedule=null --set budget.steps=12000 --set checkpoint.every_steps=1000 --seeds 0..12)
+for study in slurm-dock one-dock; do "$binary" study "${programs[@]}" --out "$study" --plan --quiet; done
+wait_for() { timeout 240 sh -c "until $1; do sleep 0.1; done" || fail "$2"; }
+submit() { sbatch --parsable --array=0-1 "$script" slurm-dock 2 --allow-command; }
+is_training='[ -n "$(ls slurm-dock/unfinished/*.safetensors 2>/dev/null)" ]'
+job=$(submit)
+wait_for "$is_training" 'no trial on a program begins'
+task=$(running)
+scancel --signal=TERM "${job}_$task"
+wait_for "scontrol show job ${job}_$task | grep -q 'Restarts=[1-9]'" "task $task on a program was not requeued"
+wait_for "squeue --noheader --states R --job $job | grep -q ." 'no task on a program runs again'
+wait_for "$is_training" 'no trial on a program begins again'
+scancel "$job"
+wait_for "! squeue --noheader --job $job | grep -q ." 'the array on a program does not end'
+! grep -h '"error":"' slurm-dock/trials/*.jsonl || fail 'a line records that a program got a signal'
+"$binary" study slurm-dock --status | tee status
+grep -q 'stopped by a signal' status || fail 'the status does not say why the last tries ended'
+job=$(submit)
+wait_for "! squeue --noheader --job $job | grep -q ." 'the second array on a program does not end'
+"$binary" study one-dock --quiet --allow-command
+for study in slurm-dock one-dock; do "$binary" report "$study" --out "$study-report" --json >/dev/null; done
+cmp one-dock-report/report.json slurm-dock-report/report.json || fail 'another report on a program than that of one process'
 echo "Slurm: task $first got SIGTERM and requeued itself, task $second was killed and requeued; the report is that of one process"
+echo "Slurm: on a program, task $task got SIGTERM with its programs and requeued itself, then scancel ended the array; the report is that of one process"

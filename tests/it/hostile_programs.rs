@@ -208,6 +208,31 @@ fn a_program_that_cannot_be_started_is_an_error() {
     }
 }
 
+/// Answers when there is something to read, and never reads it.
+const DEAF: &str = r#"
+import fcntl, struct, sys, termios, time
+fcntl.fcntl(0, 1031, 8192)
+print('{"protocol": 1, "name": "Deaf", "observation_size": 1, "actions": 2, "max_steps": 1000000}', flush=True)
+seen = 8
+while True:
+    waiting = struct.unpack("i", fcntl.ioctl(0, termios.FIONREAD, b"0000"))[0]
+    if waiting > seen:
+        seen = waiting
+        print("reset 0" if waiting < 43 else "step 0 0 0 0", flush=True)
+"#;
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_time_limit_holds_for_a_program_that_never_reads() {
+    let command = ["python3", "-c", DEAF].map(String::from).to_vec();
+    let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(2), None, |_, _| {}));
+    let mut environment = programs.make().unwrap();
+    let mut observation = [0.0];
+    environment.reset(Start::Seed(1_000_000_007), &mut observation).unwrap();
+    let error = (0..10_000).find_map(|_| environment.step(1, &mut observation).err()).unwrap().to_string();
+    assert!(error.contains("it did not read `step 1` within 2 s (`environment.timeout_seconds`)"), "{error}");
+}
+
 #[test]
 fn a_program_that_never_ends_is_ended() {
     let folder = tempfile::tempdir().unwrap();

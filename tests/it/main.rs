@@ -13,6 +13,8 @@ mod cli_tasks;
 mod cli_tensorboard;
 mod cli_train;
 mod config;
+#[cfg(target_os = "linux")]
+mod disturbed;
 mod documents;
 mod golden_physics;
 mod golden_tasks;

@@ -15,7 +15,7 @@ use crate::resume::assert_same_runs;
 use crate::study::trial_lines;
 
 /// The example in C, compiled once.
-fn example() -> &'static str {
+pub(crate) fn example() -> &'static str {
     static EXAMPLE: OnceLock<String> = OnceLock::new();
     EXAMPLE.get_or_init(|| {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
@@ -59,7 +59,7 @@ for line in sys.stdin:
 "#;
 
 /// A sandbox with `train.json`, whose environment is this command.
-fn sandbox(command: &[&str]) -> Sandbox {
+pub(crate) fn sandbox(command: &[&str]) -> Sandbox {
     let sandbox = Sandbox::new();
     sandbox.write("walk.py", SCRIPT);
     let environment = json!({"command": command});
@@ -73,7 +73,7 @@ fn sandbox(command: &[&str]) -> Sandbox {
 
 const WALK: [&str; 2] = ["python3", "walk.py"];
 
-fn train<'a>(more: &[&'a str]) -> Vec<&'a str> {
+pub(crate) fn train<'a>(more: &[&'a str]) -> Vec<&'a str> {
     [&["train", "--config", "train.json"], &sets(TINY)[..], more].concat()
 }
 

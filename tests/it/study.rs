@@ -373,6 +373,28 @@ fn a_foreign_line_among_the_trials_is_named() {
     }
 }
 
+/// Whatever is damaged in a line, every command says the same of it.
+#[test]
+fn a_damaged_line_is_a_trial_for_no_command() {
+    let sandbox = Sandbox::new();
+    study(&sandbox, "s", &[]).success();
+    let (file, arguments) = (trial_file(&sandbox, "s"), [&STUDY[..], &["s"], &sets(TINY)].concat());
+    let good = sandbox.read(&file);
+    for (part, damage) in [
+        ("\"evaluations\":[{", "\"evaluations\":[}{"),
+        ("\"mean\":", "\"mean\":x"),
+        ("\"final\":{", "\"final\":null,\"other\":{"),
+        ("\"evaluations\":[", "\"evaluations\":[{\"env_steps\":999,\"mean\":1.0},"),
+        ("\"summary\":{", "\"summary\":{\u{0}"),
+    ] {
+        assert!(good.lines().next().unwrap().contains(part), "{part}");
+        sandbox.write(&file, good.replacen(part, damage, 1));
+        for command in [&arguments[..], &["report", "s"], &["study", "s", "--status"]] {
+            sandbox.refuses(command, &[&format!("{file} line 1"), "not a trial", "remove the line"]);
+        }
+    }
+}
+
 #[test]
 fn a_study_of_endurance_says_how_many_policies_last() {
     let sandbox = Sandbox::new();

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read, Write};
+use std::os::fd::AsFd;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -83,11 +84,15 @@ impl Process {
             let line = shortened(&String::from_utf8_lossy(&self.buffer));
             return Err(self.error(&format!("it wrote `{line}` before it was asked `{request}`; {STDOUT}")));
         }
+        let deadline = Instant::now() + self.timeout;
         let written = match &mut self.pipes {
-            Some((stdin, _)) => stdin.write_all(format!("{request}\n").as_bytes()),
+            // A request is shorter than what a pipe with room takes without blocking.
+            Some((stdin, _)) if is_ready(stdin, PollFlags::OUT, self.timeout) => {
+                stdin.write_all(format!("{request}\n").as_bytes())
+            }
+            Some(_) => return Err(self.silence("read", request, "")),
             None => Ok(()),
         };
-        let deadline = Instant::now() + self.timeout;
         loop {
             if self.buffer.contains(&b'\n') {
                 return self.line(request);
@@ -109,12 +114,16 @@ impl Process {
                 return Err(self.error(&format!("it {end} and did not answer `{request}`")));
             }
             if is_silent && left.is_zero() {
-                let seconds = self.timeout.as_secs_f64();
-                return Err(self.error(&format!(
-                    "it did not answer `{request}` with a line within {seconds} s (`environment.timeout_seconds`)"
-                )));
+                return Err(self.silence("answer", request, " with a line"));
             }
         }
+    }
+
+    fn silence(&self, verb: &str, request: &str, how: &str) -> EnvironmentError {
+        let seconds = self.timeout.as_secs_f64();
+        self.error(&format!(
+            "it did not {verb} `{request}`{how} within {seconds} s (`environment.timeout_seconds`)"
+        ))
     }
 
     /// Takes the line that has been read. There must be nothing behind it.
@@ -139,17 +148,7 @@ impl Process {
 
     /// Waits until there is something to read, or the end of the pipe.
     fn is_readable(&self, timeout: Duration) -> bool {
-        let Some((_, stdout)) = &self.pipes else { return true };
-        let deadline = Instant::now() + timeout;
-        loop {
-            let left = deadline.saturating_duration_since(Instant::now());
-            let left = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
-            match poll(&mut [PollFd::new(stdout, PollFlags::IN)], Some(&left)) {
-                Err(Errno::INTR) => {}
-                Ok(ready) => return ready > 0,
-                Err(_) => return true,
-            }
-        }
+        self.pipes.as_ref().is_none_or(|(_, stdout)| is_ready(stdout, PollFlags::IN, timeout))
     }
 
     /// Reads what there is; 0 bytes at the end of the pipe.
@@ -217,6 +216,20 @@ impl Drop for Process {
         if let Some(guard) = &mut self.guard {
             let _ = guard.kill();
             let _ = guard.wait();
+        }
+    }
+}
+
+/// Waits until a pipe can be read or written, or has no other end.
+fn is_ready(pipe: &impl AsFd, what: PollFlags, timeout: Duration) -> bool {
+    let deadline = Instant::now() + timeout;
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let left = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+        match poll(&mut [PollFd::new(pipe, what)], Some(&left)) {
+            Err(Errno::INTR) => {}
+            Ok(ready) => return ready > 0,
+            Err(_) => return true,
         }
     }
 }
