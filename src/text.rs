@@ -55,6 +55,31 @@ pub fn shortened(text: &str, columns: usize) -> String {
     head.into_iter().chain(['…']).chain(tail.into_iter().rev()).collect()
 }
 
+/// Widest name in a report, in columns.
+pub const NAME: usize = 18;
+
+/// Names of configs, or of anything else that is told apart by its words, of at most [`NAME`] columns. Where one is longer, all go
+/// without the words that they share, and `…` stands for those.
+pub fn labels(names: &[&str]) -> Vec<String> {
+    let names: Vec<String> = names.iter().map(|name| visible(name)).collect();
+    if names.iter().all(|name| width(name) <= NAME) {
+        return names;
+    }
+    let is_shared = |word: &&str| names.iter().all(|name| name.split(' ').any(|other| other == *word));
+    let own = |name: &String| {
+        let (shared, own): (Vec<&str>, Vec<&str>) = name.split(' ').partition(is_shared);
+        let omitted = if shared.is_empty() { "" } else { "… " };
+        if own.is_empty() { name.clone() } else { format!("{omitted}{}", own.join(" ")) }
+    };
+    let labels: Vec<String> = names.iter().map(|name| shortened(&own(name), NAME)).collect();
+    let is_double = |label: &String| labels.iter().filter(|other| *other == label).count() > 1;
+    let numbered = |(i, label): (usize, &String)| match is_double(label) {
+        true => format!("{} {}", i + 1, shortened(label, NAME - 7)),
+        false => label.clone(),
+    };
+    labels.iter().enumerate().map(numbered).collect()
+}
+
 /// The lines of a text, none wider than `columns`; a word that is wider is cut.
 pub fn lines(text: &str, columns: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
@@ -119,11 +144,10 @@ pub fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
-/// The names that [`table`] has shortened, in full: each with what stands before it in its row.
-pub fn legend(rows: &[Vec<String>], table: &str) -> String {
-    let is_missing = |row: &&Vec<String>| !table.contains(&row[1]);
-    let entry = |row: &Vec<String>| wrapped(&format!("  {}: {}", row[0], row[1]), 4);
-    let names: String = rows.iter().skip(1).filter(is_missing).map(entry).collect();
+/// The names that their labels shorten, in full; nothing if none does.
+pub fn legend<'a>(names: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let shortened = names.map(|(label, name)| (label, visible(name))).filter(|(label, name)| label != name);
+    let names: String = shortened.map(|(label, name)| wrapped(&format!("  {label}: {name}"), 4)).collect();
     if names.is_empty() { names } else { format!("Names in full:\n{names}") }
 }
 
@@ -157,8 +181,20 @@ mod tests {
         let table = table(&rows);
         assert!(table.lines().all(|line| width(line) <= COLUMNS), "{table}");
         assert!(table.contains("   1  nnn") && table.contains("nnn    0.5\n"), "{table}");
-        let legend = legend(&rows, &table);
-        assert!(legend.starts_with("Names in full:\n  1:\n    nnn") && !legend.contains("short"), "{legend}");
+    }
+
+    #[test]
+    fn names_are_cut_to_what_tells_them_apart() {
+        let long = ["tutorial learn.every_steps=2 gamma=0.95", "tutorial learn.every_steps=2 gamma=0.999"];
+        assert_eq!(labels(&long), ["… gamma=0.95", "… gamma=0.999"]);
+        assert_eq!(labels(&["a gamma=0.95", "a gamma=0.99"]), ["a gamma=0.95", "a gamma=0.99"]);
+        let names: Vec<String> =
+            (0..30).map(|i| format!("{}{i}{}", "m".repeat(30), "n".repeat(30))).collect();
+        let labels = labels(&names.iter().map(String::as_str).collect::<Vec<_>>());
+        assert!(labels.iter().all(|label| width(label) <= NAME), "{labels:?}");
+        assert_eq!(labels.iter().collect::<std::collections::BTreeSet<_>>().len(), 30, "{labels:?}");
+        let full = legend([("… gamma=0.95", long[0]), ("short", "short")].into_iter());
+        assert_eq!(full, "Names in full:\n  … gamma=0.95: tutorial learn.every_steps=2 gamma=0.95\n");
     }
 
     #[test]

@@ -80,7 +80,8 @@ struct Report<'a> {
     min: f64,
     median: f64,
     max: f64,
-    solved: bool,
+    /// None where nothing can be said of it: see [`Task::is_solved_by`].
+    solved: Option<bool>,
     returns: &'a [f64],
 }
 
@@ -166,8 +167,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     // Without a discount that is the return of the whole episode.
     let returns: Vec<f64> = played.iter().map(|episode| episode.discounted).collect();
     let score = Score::new(&returns);
-    let scored: Vec<f64> = played.iter().map(|episode| episode.total).collect();
-    let solved = scored.len() >= 100 && task.spec.is_solved_by(Score::new(&scored).mean);
+    let solved = task.is_solved_by(&played);
     if arguments.json {
         print_json(&report(&origin, &score, &returns, solved, &task, &arguments))?;
     } else if !arguments.quiet {
@@ -196,12 +196,16 @@ impl Origin {
             ..Self::default()
         };
         let Some(header) = &policy.header else { return played };
-        let end = final_evaluation(&found.place).filter(|(end, _)| end.env_steps != header.env_steps);
+        let (kind, env_steps) = (if header.progress.is_some() { "last" } else { "best" }, header.env_steps);
+        // A checkpoint does not know of an evaluation that only the end of the run brought.
+        let end = final_evaluation(&found.file);
+        let at_end =
+            end.as_ref().map(|(end, _)| *end).filter(|end| kind == "last" && end.env_steps == env_steps);
         Self {
-            kind: if header.progress.is_some() { "last" } else { "best" },
-            env_steps: Some(header.env_steps),
-            evaluation: header.evaluation,
-            end,
+            kind,
+            env_steps: Some(env_steps),
+            evaluation: at_end.or(header.evaluation),
+            end: end.filter(|(end, _)| end.env_steps != env_steps),
             ..played
         }
     }
@@ -254,6 +258,15 @@ impl Task {
     fn evaluate(&self, policy: &SavedPolicy, arguments: &Arguments) -> Result<Vec<Played>, Failure> {
         let Arguments { seed, episodes, .. } = *arguments;
         Ok(evaluate(&policy.policy, &*self.make, self.max_steps, seed, episodes, 1.0)?)
+    }
+
+    /// Whether the episodes solve the task; none for fewer than 100 of them, for episodes that were cut off before the task's own
+    /// limit, and for a task without a threshold.
+    fn is_solved_by(&self, played: &[Played]) -> Option<bool> {
+        let can_tell = played.len() >= 100 && self.max_steps >= self.spec.max_steps;
+        let scored: Vec<f64> = played.iter().map(|episode| episode.total).collect();
+        let threshold = self.spec.solved_return.filter(|_| can_tell)?;
+        Some(Score::new(&scored).mean >= threshold)
     }
 }
 
@@ -326,7 +339,7 @@ fn report<'a>(
     policy: &'a Origin,
     score: &Score,
     returns: &'a [f64],
-    solved: bool,
+    solved: Option<bool>,
     task: &Task,
     arguments: &Arguments,
 ) -> Report<'a> {
@@ -335,7 +348,13 @@ fn report<'a>(
     Report { policy, episodes, seed, max_steps, mean, std, min, median, max, solved, returns }
 }
 
-fn describe(score: &Score, played: &[Played], solved: bool, task: &Task, arguments: &Arguments) -> String {
+fn describe(
+    score: &Score,
+    played: &[Played],
+    solved: Option<bool>,
+    task: &Task,
+    arguments: &Arguments,
+) -> String {
     let Score { episodes, mean, std, .. } = score;
     let [min, median, max] =
         [score.min, score.median, score.max].map(|value| (value * 100.0).round() / 100.0);
@@ -344,10 +363,14 @@ fn describe(score: &Score, played: &[Played], solved: bool, task: &Task, argumen
     let full = played.iter().filter(|episode| episode.steps >= max_steps).count();
     let full = full as f64 * 100.0 / *episodes as f64;
     let own_limit = u64::from(task.max_steps);
-    let solved = match (solved, *episodes >= 100 && max_steps >= own_limit) {
-        (true, _) => "yes",
-        (false, true) => "no",
-        (false, false) => "open",
+    let verdict = match solved {
+        Some(true) => "yes",
+        Some(false) => "no",
+        None => "open",
+    };
+    let solved = match task.solved_return {
+        Some(_) => format!("{verdict} (a mean {} over at least 100 episodes)", task.goal()),
+        None => format!("{verdict} ({} has no threshold)", task.id),
     };
     let judged = match max_steps == own_limit {
         true => String::new(),
@@ -360,9 +383,8 @@ std            {std:.2}
 min/median/max {min} / {median} / {max}
 at {max_steps:<11} {full:.0} % of episodes
 episodes       {episodes}, Gymnasium's seeds {seed} to {}
-solved         {solved} (a mean {} over at least 100 episodes){judged}
+solved         {solved}{judged}
 ",
         seed + (episodes - 1),
-        task.goal(),
     )
 }

@@ -38,7 +38,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// The last checkpoint of a run of which the best is described.
 fn not_shown(found: &Found) -> Option<std::path::PathBuf> {
-    let (_, last) = final_evaluation(&found.place)?;
+    let (_, last) = final_evaluation(&found.file)?;
     let is_other = |path: &Path| path.is_file() && path != found.file;
     is_other(&last).then_some(last)
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::ui::{Failure, note, program, shell_word};
 use crate::report;
 use crate::study::{Cause, Finished, LeftOut, StudyDir, Unended};
-use crate::text::{legend, table, visible};
+use crate::text::{labels, legend, table, visible};
 
 /// The first trial of a plan is timed no longer than that.
 const TIMED: Duration = Duration::from_secs(30);
@@ -83,15 +83,17 @@ pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
     notes.iter().for_each(|text| note(text));
     let seeds = study.seeds.end - study.seeds.start;
     let row = |number: String, name: &str, done: u64, missing: u64, failed: u64| {
-        vec![number, visible(name), done.to_string(), missing.to_string(), failed.to_string()]
+        vec![number, name.into(), done.to_string(), missing.to_string(), failed.to_string()]
     };
     let mut rows = vec![["", "config", "done", "missing", "failed"].map(String::from).to_vec()];
-    for (i, (named, &(done, failed))) in study.configs.iter().zip(&counts).enumerate() {
-        rows.push(row(i.to_string(), &named.name, done, seeds - done, failed));
+    let names: Vec<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
+    let labels = labels(&names);
+    for (i, (label, &(done, failed))) in labels.iter().zip(&counts).enumerate() {
+        rows.push(row(i.to_string(), label, done, seeds - done, failed));
     }
     let sum = |of: fn(&(u64, u64)) -> u64| counts.iter().map(of).sum::<u64>();
     let (done, failed) = (sum(|count| count.0), sum(|count| count.1));
     rows.push(row(String::new(), "all", done, study.total() - done, failed));
-    let table = table(&rows);
-    Ok(legend(&rows, &table) + &table + &report::describe_last_tries(study, last_tries))
+    let names = legend(labels.iter().map(String::as_str).zip(names));
+    Ok(names + &table(&rows) + &report::describe_last_tries(study, last_tries))
 }

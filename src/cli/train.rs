@@ -281,7 +281,7 @@ fn describe(record: &Record, trainer: &Trainer, run: &RunDir, allowance: &str) -
     let final_ = final_evaluation.map_or_else(|| "none".into(), |end| evaluated(end, task));
     let collapsed = match [best_evaluation, final_evaluation].map(|e| e.map(|e| task.is_solved_by(e.mean))) {
         [Some(true), Some(false)] => {
-            "\nThe final policy no longer solves the task. The best policy is kept; use that one.\n"
+            "\nIn its evaluation the final policy no longer solves the task. The best policy is kept; use that one.\n"
         }
         _ => "",
     };
@@ -310,8 +310,12 @@ Next: play the best policy on new episodes, watch it, draw the learning curve.
 }
 
 fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &Spec) -> String {
-    let solved = if task.is_solved_by(mean) { "solved" } else { "not solved" };
-    format!("mean return {mean:.1} in the evaluation at step {env_steps}: {solved}")
+    let solved = match task.solved_return {
+        Some(threshold) if mean >= threshold => ": solved",
+        Some(_) => ": not solved",
+        None => "",
+    };
+    format!("mean return {mean:.1} in the evaluation at step {env_steps}{solved}")
 }
 
 fn resume_command(run: &RunDir, config: &Config) -> String {

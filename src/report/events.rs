@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use serde::Deserialize;
 use serde_json::Value;
 
 use super::{ReportError, read};
-use crate::trainer::Evaluation;
+use crate::trainer::{EndReason, Evaluation};
 
 /// A statistic's name → (environment steps, value).
 pub(super) type Series = BTreeMap<String, Vec<(u64, f64)>>;
@@ -27,6 +28,7 @@ pub(super) struct History {
     pub(super) loss: Vec<(f64, f64)>,
     pub(super) statistics: Series,
     pub(super) ended: bool,
+    pub(super) end_reason: Option<EndReason>,
 }
 
 impl History {
@@ -71,7 +73,10 @@ impl History {
                 self.epsilon.extend(number("epsilon").map(|epsilon| (x, epsilon)));
                 self.loss.extend(number("loss").map(|loss| (x, loss)));
             }
-            Some("end") => self.ended = true,
+            Some("end") => {
+                self.ended = true;
+                self.end_reason = EndReason::deserialize(&event["reason"]).ok();
+            }
             _ => self.take_statistics("", env_steps, event),
         }
     }

@@ -3,11 +3,21 @@
 use serde::Serialize;
 
 use crate::env::Spec;
-use crate::trainer::Evaluation;
+use crate::env::catalogue::EnvironmentId;
+use crate::trainer::{EndReason, Evaluation};
 
 /// Environment steps before the first evaluation that solves.
 pub fn steps_to_solve(evaluations: &[Evaluation], task: &Spec) -> Option<u64> {
     evaluations.iter().find(|evaluation| task.is_solved_by(evaluation.mean)).map(|first| first.env_steps)
+}
+
+/// The key that ended a run before its budget was used up; none if no key did.
+pub fn stopped_by(reason: EndReason) -> Option<&'static str> {
+    match reason {
+        EndReason::Lasting => Some("stop_when_lasting_steps"),
+        EndReason::Solved => Some("stop_when_solved"),
+        EndReason::Budget | EndReason::Interrupted => None,
+    }
 }
 
 /// What a run kept of a solution.
@@ -19,8 +29,25 @@ pub struct Retention {
     pub solved: usize,
     /// The worst of them, the first of equals.
     pub worst: Option<Evaluation>,
-    /// How often an evaluation that solved was followed by one that did not.
+    /// How often the solution was lost to less than half way back, see [`Loss::collapse`].
     pub collapses: usize,
+    /// How often it was lost, and not so far.
+    pub dips: usize,
+}
+
+/// A solution that was lost: the evaluations after one that solved, until the next that solves.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Loss {
+    /// The last evaluation that solved.
+    pub before: Evaluation,
+    /// The first below the threshold.
+    pub after: Evaluation,
+    /// The lowest before the next that solves, the first of equals.
+    pub lowest: Evaluation,
+    /// The first below [`half_way`]; none if it was a dip.
+    pub collapse: Option<Evaluation>,
+    /// The next that solves.
+    pub recovered: Option<Evaluation>,
 }
 
 /// What a run kept; none if it never solved.
@@ -28,21 +55,46 @@ pub fn retention(evaluations: &[Evaluation], task: &Spec) -> Option<Retention> {
     let solves = |evaluation: &Evaluation| task.is_solved_by(evaluation.mean);
     let first = evaluations.iter().position(solves)?;
     let after = &evaluations[first + 1..];
+    let losses = losses(evaluations, task);
+    let collapses = losses.iter().filter(|loss| loss.collapse.is_some()).count();
     Some(Retention {
         evaluations: after.len(),
         solved: after.iter().filter(|evaluation| solves(evaluation)).count(),
         worst: after.iter().min_by(|a, b| a.mean.total_cmp(&b.mean)).copied(),
-        collapses: collapses(evaluations, task).count(),
+        collapses,
+        dips: losses.len() - collapses,
     })
 }
 
-/// The pairs of evaluations in which a solution was lost: the last that solved, and the next.
-pub fn collapses<'a>(
-    evaluations: &'a [Evaluation],
-    task: &'a Spec,
-) -> impl Iterator<Item = (Evaluation, Evaluation)> + 'a {
-    let is_lost = |a: &Evaluation, b: &Evaluation| task.is_solved_by(a.mean) && !task.is_solved_by(b.mean);
-    evaluations.windows(2).filter(move |pair| is_lost(&pair[0], &pair[1])).map(|pair| (pair[0], pair[1]))
+/// The middle between the mean return that solves a task and that of the random policy; none if nothing solves the task. Where
+/// nobody has measured the random policy, the lowest evaluation before the first that solves stands for it.
+pub fn half_way(evaluations: &[Evaluation], task: &Spec) -> Option<f64> {
+    let known = EnvironmentId::from_name(&task.id).map(EnvironmentId::random_return);
+    let unsolved = evaluations.iter().map(|evaluation| evaluation.mean);
+    let unsolved = unsolved.take_while(|&mean| !task.is_solved_by(mean));
+    let random = known.or_else(|| unsolved.min_by(f64::total_cmp)).unwrap_or(task.return_range.0);
+    task.solved_return.map(|threshold| f64::midpoint(threshold, random))
+}
+
+/// Every time that a solution was lost.
+pub fn losses(evaluations: &[Evaluation], task: &Spec) -> Vec<Loss> {
+    let Some(half_way) = half_way(evaluations, task) else { return Vec::new() };
+    let solves = |evaluation: &Evaluation| task.is_solved_by(evaluation.mean);
+    let is_lost = |pair: &[Evaluation]| solves(&pair[0]) && !solves(&pair[1]);
+    let starts = evaluations.windows(2).enumerate().filter(|(_, pair)| is_lost(pair));
+    let loss = |(i, pair): (usize, &[Evaluation])| {
+        let rest = &evaluations[i + 1..];
+        let (lost, later) = rest.split_at(rest.iter().position(solves).unwrap_or(rest.len()));
+        let lowest = lost.iter().copied().min_by(|a, b| a.mean.total_cmp(&b.mean));
+        Loss {
+            before: pair[0],
+            after: pair[1],
+            lowest: lowest.unwrap_or(pair[1]),
+            collapse: lost.iter().find(|evaluation| evaluation.mean < half_way).copied(),
+            recovered: later.first().copied(),
+        }
+    };
+    starts.map(loss).collect()
 }
 
 /// The mean return at a step: of the latest of the evaluations at `steps` until then. After its last evaluation, as before

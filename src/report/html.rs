@@ -14,7 +14,9 @@ use super::svg::{DARK, escaped};
 use super::text::{self, Table};
 use super::{Kind, ReportError, parse, plots};
 use crate::config::{Config, Setting};
+use crate::run::checkpoint_of;
 use crate::run::names::{CONFIG, SUMMARY};
+use crate::trainer::Evaluation;
 
 const PAGE: &str = include_str!("html/page.html");
 const STYLE: &str = include_str!("html/page.css");
@@ -63,11 +65,16 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
     };
     let note = format!("All panels are over the environment steps of training.{lines}");
     sections += &section("Learning", &format!("<p class=\"note\">{note}</p>\n{}", learning(&runs)));
-    sections += if portraits.iter().any(|run| !run["portrait"].is_null()) {
-        POLICY
-    } else {
-        "<section><h2>The policy</h2><p>There is no checkpoint in the directory, so there is nothing to play.</p></section>\n"
-    };
+    let (shown, hidden): (Vec<_>, Vec<_>) =
+        folders.iter().zip(&runs).zip(&portraits).partition(|(_, portrait)| !portrait["portrait"].is_null());
+    if !shown.is_empty() {
+        sections += POLICY;
+    }
+    if !hidden.is_empty() {
+        let title = if shown.is_empty() { "The policy" } else { "Policies that are not played" };
+        let unplayed = hidden.iter().map(|((folder, run), _)| unplayed(folder, run));
+        sections += &section(title, &unplayed.collect::<String>());
+    }
     let configs: Vec<(&str, &Value)> = runs.iter().map(|run| (run.name.as_str(), &run.config)).collect();
     sections += &section("Config", &config_tables(&configs));
     let mut how = String::from(
@@ -93,16 +100,22 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
 
 fn study_page(folder: &Path) -> Result<String, ReportError> {
     let Study { configs, report, notes, .. } = Study::read(folder)?;
-    let mut result = String::new();
+    let mut result = list(&text::conclusions(&report));
     for Table { title, rows } in text::tables(&report) {
         let _ = writeln!(result, "<p>{}</p>", escaped(&title));
         result += &table(&rows, 2);
+    }
+    let shortened = text::names(&report).filter(|(label, name)| label != name);
+    let full: String =
+        shortened.map(|(label, name)| format!("<li>{}: {}</li>\n", escaped(label), escaped(name))).collect();
+    if !full.is_empty() {
+        let _ = writeln!(result, "<p>Names in full:</p>\n<ul>\n{full}</ul>");
     }
     for remark in text::remarks(&report).into_iter().chain(notes) {
         let _ = writeln!(result, "<p class=\"note\">{}</p>", escaped(&remark));
     }
     let mut sections = section("Result", &result);
-    let drawn = plots::STUDY.iter().map(|(_, draw)| figure(|shape| draw(&report.configs, shape)));
+    let drawn = plots::STUDY.iter().map(|(_, draw)| figure(|shape| draw(&report, shape)));
     sections += &section("Plots", &drawn.collect::<String>());
     let values: Vec<Value> = configs.iter().map(|named| json!(named.config)).collect();
     let configs: Vec<(&str, &Value)> =
@@ -126,10 +139,39 @@ fn study_page(folder: &Path) -> Result<String, ReportError> {
     Ok(assembled(&title, &subtitle, &sections, &json!({"runs": []})))
 }
 
+/// Why a run has no portrait, and what its evaluations recorded.
+fn unplayed(folder: &Path, run: &Run) -> String {
+    let name = escaped(&run.name);
+    if checkpoint_of(folder).is_err() {
+        return format!(
+            "<p>{name}: there is no checkpoint in the directory, so there is nothing to play.</p>\n"
+        );
+    }
+    let mut rows =
+        vec![["evaluation", "step", "mean return", "smallest", "largest"].map(String::from).to_vec()];
+    for (which, Evaluation { env_steps, mean }) in [("best", run.report.best), ("final", run.report.final_)] {
+        let extremes = run.history.extremes.iter().find(|(step, ..)| *step == env_steps as f64);
+        let [smallest, largest] = extremes.map_or_else(
+            || ["–", "–"].map(String::from),
+            |(_, low, high)| [low, high].map(|value| format!("{value:.1}")),
+        );
+        rows.push(vec![which.into(), env_steps.to_string(), format!("{mean:.1}"), smallest, largest]);
+    }
+    format!(
+        "<p>{name}: the policy's task is a program, which a report does not start, so no episode is shown. \
+         <code>cartpole-dqn watch DIR --allow-command</code> starts it and plays. This is what the run recorded of the \
+         policy:</p>\n{}",
+        table(&rows, 1)
+    )
+}
+
 /// What became of the runs: cards of one, a table of several, and what is said of each.
 fn results(runs: &[Run]) -> String {
-    let solved =
-        |run: &Run| run.report.solved_at_step.map_or_else(|| "never".into(), |step| step.to_string());
+    let solved = |run: &Run| match (run.report.solved_at_step, run.task.solved_return) {
+        (Some(step), _) => step.to_string(),
+        (None, Some(_)) => "never".into(),
+        (None, None) => "no threshold".into(),
+    };
     if let [run] = runs {
         let card = |what: &str, value: String| format!("<div>{what}<b>{value}</b></div>\n");
         let cards = [
@@ -171,13 +213,16 @@ fn list(lines: &[String]) -> String {
 
 /// Rows of numbers below a heading, with so many columns of names at the front.
 fn table(rows: &[Vec<String>], names: usize) -> String {
-    let mut html = String::from("<div class=\"scroll\"><table>\n");
+    let mut html = String::from("<div class=\"scroll\"><table class=\"stack\">\n");
     for (i, row) in rows.iter().enumerate() {
         let tag = if i == 0 { "th" } else { "td" };
         html += "<tr>";
         for (j, cell) in row.iter().enumerate() {
             let class = if j < names { "" } else { " class=\"number\"" };
-            let _ = write!(html, "<{tag}{class}>{}</{tag}>", escaped(cell));
+            // A narrow page shows every cell with its heading, one below the other.
+            let heading = rows[0].get(j).map_or("", String::as_str);
+            let _ =
+                write!(html, "<{tag}{class} data-heading=\"{}\">{}</{tag}>", escaped(heading), escaped(cell));
         }
         html += "</tr>\n";
     }

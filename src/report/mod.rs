@@ -1,5 +1,6 @@
 //! What a study or a run amounts to: numbers, tables and plots, from files alone.
 
+mod comparison;
 mod events;
 pub mod history;
 mod html;

@@ -6,12 +6,15 @@ use super::ReportError;
 use super::history;
 use crate::env::Spec;
 use crate::study::{Finished, LeftOut, NamedConfig, PolicyScore, SCORE_EPISODES, StudyDir};
+use crate::text::labels;
 use crate::trainer::Evaluation;
 
 /// The finished trials of a config, in the order of their seeds.
 #[derive(Debug)]
 pub(super) struct Group {
     pub(super) name: String,
+    /// How tables and pictures call it.
+    pub(super) label: String,
     pub(super) task: Spec,
     pub(super) outcomes: Vec<Outcome>,
 }
@@ -21,6 +24,8 @@ pub(super) struct Group {
 pub(super) struct Outcome {
     pub(super) seed: u64,
     pub(super) error: Option<Box<str>>,
+    /// The key that ended it before its budget was used up.
+    pub(super) stopped_by: Option<&'static str>,
     pub(super) best: Option<Score>,
     pub(super) final_: Option<Score>,
     /// The steps of the evaluations; trials of the same steps share them.
@@ -58,6 +63,7 @@ impl Outcome {
             best: trial.best.as_ref().map(Score::of),
             final_: trial.final_.as_ref().map(Score::of),
             steps: Arc::clone(steps),
+            stopped_by: trial.summary.and_then(|summary| history::stopped_by(summary.end_reason?)),
             means: trial.evaluations.iter().map(|evaluation| evaluation.mean).collect(),
             error: trial.error.map(String::into_boxed_str),
         }
@@ -78,12 +84,14 @@ impl Outcome {
 /// The configs that have finished trials, and what is left out.
 pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, LeftOut), ReportError> {
     let named = study_dir.study().configs.iter();
-    let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {
+    let labels = labels(&named.clone().map(|config| config.name.as_str()).collect::<Vec<_>>());
+    let group = |(NamedConfig { name, task, .. }, label): (&NamedConfig, String)| Group {
         name: name.clone(),
+        label,
         task: task.clone(),
         outcomes: Vec::new(),
     };
-    let mut groups: Vec<Group> = named.map(group).collect();
+    let mut groups: Vec<Group> = named.zip(labels).map(group).collect();
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
     let left_out = study_dir.read(|trial| {
         let config = trial.config;

@@ -1,7 +1,8 @@
 //! The plots of a report.
 
-use super::statistics::Estimate;
-use super::summary::ConfigReport;
+use super::comparison::Comparison;
+use super::statistics::{Estimate, shown};
+use super::summary::{ConfigReport, StudyReport};
 use super::svg::{Plot, Shape};
 use super::{Content, whole};
 use crate::env::Spec;
@@ -11,7 +12,7 @@ use crate::trainer::Evaluation;
 const STEPS: &str = "environment steps";
 
 /// Draws one plot of a study.
-type Draw = fn(&[ConfigReport], Shape) -> Plot;
+type Draw = fn(&StudyReport, Shape) -> Plot;
 
 /// The plots of a study: name and how it is drawn.
 pub(super) const STUDY: [(&str, Draw); 4] = [
@@ -22,8 +23,8 @@ pub(super) const STUDY: [(&str, Draw); 4] = [
 ];
 
 /// The files of a study's plots: name and content.
-pub(super) fn study(configs: &[ConfigReport]) -> Vec<(&'static str, Content)> {
-    STUDY.iter().map(|(name, draw)| (*name, whole(draw(configs, Shape::FILE).finish()))).collect()
+pub(super) fn study(report: &StudyReport) -> Vec<(&'static str, Content)> {
+    STUDY.iter().map(|(name, draw)| (*name, whole(draw(report, Shape::FILE).finish()))).collect()
 }
 
 /// The returns that a plot of these tasks shows, with some air above.
@@ -104,7 +105,7 @@ fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
     plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
 }
 
-fn learning_curves(configs: &[ConfigReport], shape: Shape) -> Plot {
+fn learning_curves(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> Plot {
     let points = configs.iter().flat_map(|config| &config.learning_curve).map(|point| &point.iqm);
     let title = with_intervals("Learning curves: IQM over seeds", points, "bootstrap");
     let (labels, end) = ([STEPS, "mean return of an evaluation"], last_step(configs));
@@ -119,7 +120,7 @@ fn learning_curves(configs: &[ConfigReport], shape: Shape) -> Plot {
     plot
 }
 
-fn performance_profile(configs: &[ConfigReport], shape: Shape) -> Plot {
+fn performance_profile(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> Plot {
     let points = configs.iter().flat_map(|config| &config.performance_profile).map(|point| &point.share);
     let title = with_intervals("Performance profile of the final policies", points, "Wilson");
     let labels = ["mean return τ", "share of seeds above τ"];
@@ -135,7 +136,7 @@ fn performance_profile(configs: &[ConfigReport], shape: Shape) -> Plot {
     plot
 }
 
-fn steps_to_solve(configs: &[ConfigReport], shape: Shape) -> Plot {
+fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> Plot {
     let end = last_step(configs);
     let title = "Steps before the first evaluation during training that solves";
     let mut plot = Plot::new(shape, title, [STEPS, "share of seeds"], (0.0, end), (0.0, 1.02));
@@ -157,16 +158,38 @@ fn steps_to_solve(configs: &[ConfigReport], shape: Shape) -> Plot {
     plot
 }
 
-fn compare(configs: &[ConfigReport], shape: Shape) -> Plot {
-    let iqms = configs.iter().map(|config| &config.final_iqm);
-    let title = with_intervals("IQM of the final policies over seeds", iqms, "bootstrap");
-    let shape = shape.for_rows(configs.len());
-    let rows = configs.len() as f64;
-    let returns = range(tasks(configs));
-    let mut plot = Plot::new(shape, &title, ["mean return", ""], returns, (0.0, rows)).without_y_ticks();
-    for (series, config) in configs.iter().enumerate() {
-        let y = rows - series as f64 - 0.7;
-        plot.interval(series, y, config.final_iqm.value, ends(&config.final_iqm), &config.name);
+/// The differences of the IQMs from the first config's; of one config alone its IQM. Only their range is shown.
+fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, shape: Shape) -> Plot {
+    let differences =
+        comparisons.iter().map(|Comparison { labels, iqm_difference, .. }| (&labels[0], iqm_difference));
+    let mut rows: Vec<(&String, &Estimate)> = differences.collect();
+    let (what, is_difference) = match comparisons.first() {
+        Some(Comparison { labels, .. }) => (format!("Difference of the final IQMs from {}", labels[1]), true),
+        None => ("IQM of the final policies over seeds".into(), false),
+    };
+    if !is_difference {
+        rows = configs.iter().map(|config| (&config.label, &config.final_iqm)).collect();
+    }
+    let title = with_intervals(&what, rows.iter().map(|(_, estimate)| *estimate), "bootstrap");
+    let values =
+        rows.iter().flat_map(|(_, estimate)| [Some(estimate.value), estimate.low, estimate.high]).flatten();
+    let values: Vec<f64> = values.chain(is_difference.then_some(0.0)).collect();
+    let (low, high) = (
+        values.iter().copied().fold(f64::INFINITY, f64::min),
+        values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    );
+    let air = if high > low { 0.08 * (high - low) } else { 0.5 };
+    let count = rows.len() as f64;
+    let label = if is_difference { "difference of the mean return" } else { "mean return" };
+    let (x, y) = ((low - air, high + air), (0.0, count));
+    let mut plot = Plot::new(shape.for_rows(rows.len()), &title, [label, ""], x, y).without_y_ticks();
+    if is_difference {
+        plot.upright(0.0);
+    }
+    for (series, (label, estimate)) in rows.iter().enumerate() {
+        let text = format!("{label}: {}", shown(estimate, 1));
+        let y = count - series as f64 - 0.7;
+        plot.interval(series + usize::from(is_difference), y, estimate.value, ends(estimate), &text);
     }
     plot
 }

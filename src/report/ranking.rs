@@ -2,11 +2,12 @@
 
 use serde::Serialize;
 
+use super::comparison::Scored;
 use super::outcome::{Group, Outcome, Score};
-use super::statistics::{Estimate, iqm, mean, shown, sorted};
+use super::statistics::{Estimate, Sample, iqm, mean, shown, sorted};
 use crate::env::Spec;
 use crate::study::{LastTry, Study};
-use crate::text::{legend, table, visible};
+use crate::text::visible;
 
 /// Most reasons that are printed.
 const MAX_REASONS: usize = 5;
@@ -15,12 +16,17 @@ const MAX_REASONS: usize = 5;
 #[derive(Clone, Debug)]
 pub(super) struct Ranked {
     pub(super) name: String,
+    /// How tables and pictures call it, see [`labels`](crate::text::labels).
+    pub(super) label: String,
+    pub(super) task: Spec,
     pub(super) seeds: usize,
     pub(super) failed: usize,
     /// Seeds whose final policy solves.
     pub(super) solved: usize,
     pub(super) iqm: Estimate,
     pub(super) mean: f64,
+    /// The sorted final scores, for the comparisons.
+    pub(super) finals: Sample,
 }
 
 /// Trials that failed for the same reason.
@@ -39,17 +45,27 @@ pub(super) fn score(policy: Option<&Score>, task: &Spec) -> f64 {
 }
 
 impl Ranked {
-    pub(super) fn of(Group { name, task, outcomes }: &Group) -> Self {
+    pub(super) fn of(Group { name, label, task, outcomes }: &Group) -> Self {
         let scores = || outcomes.iter().map(|outcome| score(outcome.final_.as_ref(), task));
         let finals = sorted(scores());
         Self {
             name: name.clone(),
+            label: label.clone(),
+            task: task.clone(),
             seeds: outcomes.len(),
             failed: outcomes.iter().filter(|outcome| outcome.error.is_some()).count(),
             solved: scores().filter(|&score| task.is_solved_by(score)).count(),
             iqm: Estimate::of(&finals, iqm),
             mean: mean(&finals),
+            finals,
         }
+    }
+}
+
+impl Ranked {
+    /// What comparisons need of it.
+    pub(super) fn scored(&self) -> Scored<'_> {
+        Scored { name: &self.name, label: &self.label, task: &self.task, finals: &self.finals }
     }
 }
 
@@ -70,7 +86,7 @@ pub(super) fn rows<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Vec<Vec<Stri
     let row = |(i, config): (usize, &Ranked)| {
         vec![
             (i + 1).to_string(),
-            visible(&config.name),
+            config.label.clone(),
             config.seeds.to_string(),
             config.failed.to_string(),
             config.solved.to_string(),
@@ -149,11 +165,4 @@ fn reason_lines(failures: &[Failures], heading: String) -> Vec<String> {
         lines.push(format!("  … and {} other reasons; report.json has all", failures.len() - MAX_REASONS));
     }
     lines
-}
-
-/// Rows below each other, and the names that did not fit.
-pub(super) fn named_table(rows: &[Vec<String>]) -> String {
-    let table = table(rows);
-    let legend = legend(rows, &table);
-    table + &legend
 }

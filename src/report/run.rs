@@ -7,13 +7,13 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::events::{History, Series};
-use super::history::{self, Retention};
+use super::history::{self, Loss, Retention};
 use super::{FORMAT_VERSION, Report, ReportError, csv, parse, plots};
 use crate::config::EnvironmentConfig;
 use crate::env::Spec;
 use crate::run::names::{CONFIG, EVALUATIONS, METRICS};
 use crate::text::{visible, wrapped};
-use crate::trainer::Evaluation;
+use crate::trainer::{EndReason, Evaluation};
 
 /// Samples of a statistic that its usual range is taken from, at least and at most.
 const BASELINE: std::ops::RangeInclusive<usize> = 5..=20;
@@ -28,8 +28,12 @@ pub(super) struct RunReport {
     format_version: u32,
     kind: &'static str,
     threshold: Option<f64>,
+    /// Below it a solution that is lost has collapsed.
+    half_way: Option<f64>,
     pub(super) seed: u64,
     pub(super) ended: bool,
+    /// None while the run has not ended.
+    end_reason: Option<EndReason>,
     evaluations: usize,
     pub(super) solved_at_step: Option<u64>,
     pub(super) best: Evaluation,
@@ -39,6 +43,7 @@ pub(super) struct RunReport {
     training: Option<Training>,
     retention: Option<Retention>,
     collapses: Vec<Collapse>,
+    dips: Vec<Loss>,
     pub(super) statements: Vec<String>,
 }
 
@@ -62,11 +67,13 @@ impl Training {
     }
 }
 
-/// A solution that was lost between two evaluations.
+/// A solution that was lost to less than half way back to the random policy.
 #[derive(Serialize)]
 struct Collapse {
     before: Evaluation,
+    /// The first evaluation below half way.
     after: Evaluation,
+    lowest: Evaluation,
     /// The next evaluation that solved again.
     recovered: Option<Evaluation>,
     /// The statistics that left their usual range first; empty if none did, or there are none.
@@ -111,12 +118,15 @@ impl Run {
         };
         let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();
         let curve: Vec<f64> = evaluations.iter().map(|evaluation| evaluation.mean).collect();
+        let losses = history::losses(evaluations, &task);
         let mut report = RunReport {
             format_version: FORMAT_VERSION,
             kind: "run",
             threshold: task.solved_return,
+            half_way: history::half_way(evaluations, &task),
             seed: config["seed"].as_u64().unwrap_or_default(),
             ended: history.ended,
+            end_reason: history.end_reason,
             evaluations: evaluations.len(),
             solved_at_step: history::steps_to_solve(evaluations, &task),
             best,
@@ -124,7 +134,8 @@ impl Run {
             area_under_curve: history::area_under_curve(&grid, &curve),
             training: Training::of(&history.training, &task),
             retention: history::retention(evaluations, &task),
-            collapses: history.collapses(&task),
+            collapses: losses.iter().filter_map(|loss| history.collapse(loss)).collect(),
+            dips: losses.iter().filter(|loss| loss.collapse.is_none()).copied().collect(),
             statements: Vec::new(),
         };
         report.statements = statements(&report, &task, !history.statistics.is_empty());
@@ -168,26 +179,15 @@ pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
 }
 
 impl History {
-    fn collapses(&self, task: &Spec) -> Vec<Collapse> {
-        let collapse = |(before, after): (Evaluation, Evaluation)| {
-            let is_later = |evaluation: &&Evaluation| evaluation.env_steps > after.env_steps;
-            let mut later = self.evaluations.iter().filter(is_later);
-            let is_end = |evaluation: &&Evaluation| {
-                evaluation.env_steps <= before.env_steps && !task.is_solved_by(evaluation.mean)
-            };
-            let solved_since = self.evaluations.iter().rev().find(is_end).map_or(0, |last| last.env_steps);
-            Collapse {
-                before,
-                after,
-                recovered: later.find(|evaluation| task.is_solved_by(evaluation.mean)).copied(),
-                moved_first: moved_first(&self.statistics, solved_since, after.env_steps),
-            }
-        };
-        history::collapses(&self.evaluations, task).map(collapse).collect()
+    /// What is told of a loss that was a collapse. Only what moved since the last evaluation that solved can have to do with it.
+    fn collapse(&self, &Loss { before, lowest, collapse, recovered, .. }: &Loss) -> Option<Collapse> {
+        let after = collapse?;
+        let moved_first = moved_first(&self.statistics, before.env_steps, after.env_steps);
+        Some(Collapse { before, after, lowest, recovered, moved_first })
     }
 }
 
-/// The statistics that left their usual range first after `start`, until `end`: all that did so at the earliest step.
+/// The statistics that left their usual range first from `start` to `end`: all that did so at the earliest step.
 fn moved_first(statistics: &Series, start: u64, end: u64) -> Vec<Moved> {
     let moved: Vec<Moved> =
         statistics.iter().filter_map(|(name, samples)| first_move(name, samples, start, end)).collect();
@@ -195,7 +195,7 @@ fn moved_first(statistics: &Series, start: u64, end: u64) -> Vec<Moved> {
     moved.into_iter().filter(|moved| Some(moved.env_steps) == earliest).collect()
 }
 
-/// The first sample in (start, end] that is further than [`MOVED`] standard deviations from the mean of the
+/// The first sample in [start, end] that is further than [`MOVED`] standard deviations from the mean of the
 /// [`BASELINE`] samples before it.
 fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Option<Moved> {
     let (least, most) = (*BASELINE.start(), *BASELINE.end());
@@ -207,7 +207,7 @@ fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Optio
         let variance =
             usual.iter().map(|(_, value)| (value - mean) * (value - mean)).sum::<f64>() / (count - 1.0);
         let std = variance.sqrt();
-        let has_moved = env_steps > start && env_steps <= end && (value - mean).abs() > MOVED * std;
+        let has_moved = (start..=end).contains(&env_steps) && (value - mean).abs() > MOVED * std;
         has_moved.then(|| Moved {
             statistic: name.into(),
             env_steps,
@@ -223,25 +223,35 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
         format!("mean return {:.1} at step {}", evaluation.mean, evaluation.env_steps)
     };
     let RunReport { evaluations, best, final_, .. } = report;
-    let mut said = Vec::new();
-    match report.solved_at_step {
-        None => said.push(format!(
-            "never learned: the best of {evaluations} evaluations is {}, and {} solves",
-            at(best),
-            task.goal()
-        )),
-        Some(step) => said
-            .push(format!("solved at step {step}: the first of {evaluations} evaluations {}", task.goal())),
-    }
-    for collapse in &report.collapses {
-        let Collapse { before, after, recovered, moved_first } = collapse;
-        let recovery = recovered
-            .map_or("never recovered".into(), |again| format!("solved again at step {}", again.env_steps));
+    let mut said = vec![match (report.solved_at_step, &report.retention) {
+        (Some(step), Some(Retention { solved, .. })) => format!(
+            "solved at step {step}: the first evaluation {}; {} of {evaluations} evaluations are",
+            task.goal(),
+            solved + 1
+        ),
+        _ if task.solved_return.is_none() => {
+            format!("the task has no threshold: the best of {evaluations} evaluations is {}", at(best))
+        }
+        _ => {
+            let verb =
+                if report.half_way.is_some_and(|half| best.mean >= half) { "solved" } else { "learned" };
+            format!(
+                "never {verb}: the best of {evaluations} evaluations is {}, and {} solves",
+                at(best),
+                task.goal()
+            )
+        }
+    }];
+    let end = if report.ended { "until the end of the run" } else { "so far" };
+    for Collapse { before, after, recovered, moved_first, .. } in &report.collapses {
+        let recovery = recovered.map_or(format!("not solved again {end}"), |again| {
+            format!("solved again at step {}", again.env_steps)
+        });
+        let before = at(before);
         said.push(format!(
-            "collapsed at step {}: {}, {} before; {recovery}",
+            "collapsed at step {}: {}, {before} before; {recovery}",
             after.env_steps,
-            at(after),
-            at(before)
+            at(after)
         ));
         for Moved { statistic, env_steps, value, usual_mean, usual_std } in moved_first {
             said.push(format!(
@@ -250,19 +260,39 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
         }
         if has_statistics && moved_first.is_empty() {
             said.push(format!(
-                "  no statistic left its usual range ({MOVED} standard deviations) before the collapse"
+                "  no statistic left its usual range ({MOVED} standard deviations) since the last evaluation that solved"
             ));
         }
     }
-    if let Some(Retention { evaluations, solved, worst: Some(worst), collapses }) = &report.retention {
+    if let Some(lowest) = report.dips.iter().map(|dip| dip.lowest).min_by(|a, b| a.mean.total_cmp(&b.mean)) {
+        let times = match report.dips.len() {
+            1 => "once".into(),
+            times => format!("{times} times"),
+        };
+        said.push(format!(
+            "dipped {times} below the threshold without a collapse, which is below {:.1}, half way back to the random policy: \
+             the lowest is {}",
+            report.half_way.unwrap_or_default(),
+            at(&lowest)
+        ));
+    }
+    if let Some(Retention { evaluations, solved, worst: Some(worst), collapses, dips }) = &report.retention {
         said.push(format!(
             "retained: {solved} of the {evaluations} evaluations after the first solution solve, collapses: {collapses}, \
-             the worst is {}",
+             dips: {dips}, the worst is {}",
             at(worst)
+        ));
+    }
+    if let Some(key) = report.end_reason.and_then(history::stopped_by) {
+        said.push(format!(
+            "ended early: {key} ended the run after the evaluation at step {}, so nothing shows what more training would have \
+             kept or lost",
+            final_.env_steps
         ));
     }
     if let Some(Training { episodes, mean_return_100, solved_at_step }) = &report.training {
         let solved = match solved_at_step {
+            _ if task.solved_return.is_none() => "the task has no threshold".into(),
             _ if *episodes < EPISODES => format!("the classic criterion takes {EPISODES}"),
             Some(step) => format!("solved by the classic criterion, {}, first at step {step}", task.goal()),
             None => format!("not once {}, the classic criterion", task.goal()),

@@ -5,15 +5,16 @@ use std::path::Path;
 
 use serde_json::json;
 
+use super::comparison::{Comparison, Scored, early_ends};
 use super::outcome::{self, Group};
-use super::ranking::{self, Ranked, failure_lines, failures, last_tries, last_try_lines, named_table};
+use super::ranking::{self, Ranked, failure_lines, failures, last_tries, last_try_lines};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
-use super::summary::{Bootstrap, ConfigReport, StudyReport, compare, config_report};
+use super::summary::{Bootstrap, ConfigReport, StudyReport, config_report};
 use super::text::{describe, footnote};
 use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
 use crate::run::names::EVALUATIONS;
 use crate::study::{self, LastTry, LeftOut, NamedConfig, StudyDir};
-use crate::text::wrapped;
+use crate::text::{labels, legend, table, wrapped};
 use crate::trainer::Evaluation;
 
 /// Most configs that a note names.
@@ -43,8 +44,8 @@ impl Study {
             failures: failures(&groups),
             last_tries: last_tries(study, left_out.last_tries),
             bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
-            warnings: warnings(study, &configs),
-            comparisons: configs.iter().skip(1).map(|config| compare(config, &configs[0])).collect(),
+            warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs)).collect(),
+            comparisons: comparisons(configs.iter().map(ConfigReport::scored)),
             seeds: study.seeds.clone(),
             configs,
         };
@@ -55,10 +56,16 @@ impl Study {
 /// The report of the study in a directory.
 pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
     let Study { groups, report, notes, .. } = Study::read(folder)?;
-    let mut files = plots::study(&report.configs);
+    let mut files = plots::study(&report);
     let (text, json) = (describe(&report), json!(report));
     files.insert(0, (EVALUATIONS, Box::new(move |file| csv(file, runs(&groups)))));
     Ok(Report { text, json, files, notes })
+}
+
+/// Every config but the first against the first.
+fn comparisons<'a>(mut scored: impl Iterator<Item = Scored<'a>>) -> Vec<Comparison> {
+    let first = scored.next();
+    first.map_or_else(Vec::new, |first| scored.map(|config| Comparison::new(config, first)).collect())
 }
 
 /// The trials as [`csv`] takes them.
@@ -93,19 +100,21 @@ fn warnings(manifest: &study::Study, configs: &[ConfigReport]) -> Vec<String> {
         Some((_, names)) => names.push(name),
         None => notes.push((note, vec![name])),
     };
-    for NamedConfig { name, .. } in &manifest.configs {
+    let names: Vec<&str> = manifest.configs.iter().map(|config| config.name.as_str()).collect();
+    let labels = labels(&names);
+    for (name, label) in names.iter().zip(&labels) {
         let finished = configs.iter().find(|config| config.name == *name).map_or(0, |config| config.seeds);
         if finished < seeds {
             let note = format!(
                 "{finished} of {seeds} seeds are finished; the study's command, given again, trains the rest"
             );
-            add(note, name.as_str());
+            add(note, label.as_str());
         }
         if (1..LEAST_SEEDS).contains(&finished) {
             let note = format!(
                 "{finished} seeds are fewer than {LEAST_SEEDS}; an interval over so few would mislead, so there is none"
             );
-            add(note, name.as_str());
+            add(note, label.as_str());
         }
     }
     let all = manifest.configs.len();
@@ -126,18 +135,27 @@ pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
     let ranked: Vec<Ranked> = groups.iter().map(Ranked::of).collect();
     let sum = |of: fn(&Ranked) -> usize| ranked.iter().map(of).sum::<usize>();
     let trials = sum(|config| config.seeds);
-    let mut text = format!(
-        "trials     {trials}\nsolved     {} by the final policy (mean return {} over eval's 100 episodes)\n\
-         failed     {}\n\n{}\n",
-        sum(|config| config.solved),
-        groups[0].task.goal(),
-        sum(|config| config.failed),
-        ranking::HEADING
-    );
+    let solved = match groups[0].task.solved_return {
+        Some(_) => {
+            let (count, goal) = (sum(|config| config.solved), groups[0].task.goal());
+            format!("{count} by the final policy (mean return {goal} over eval's 100 episodes)")
+        }
+        None => "unknown, since the task has no threshold".into(),
+    };
+    let failed = sum(|config| config.failed);
+    let mut text =
+        format!("trials     {trials}\nsolved     {solved}\nfailed     {failed}\n\n{}\n", ranking::HEADING);
     let order = ranking::order(ranked.iter());
-    text += &named_table(&ranking::rows(order.iter().map(|&i| &ranked[i])));
+    text += &table(&ranking::rows(order.iter().map(|&i| &ranked[i])));
+    text += &legend(ranked.iter().map(|config| (config.label.as_str(), config.name.as_str())));
+    for Comparison { statement, .. } in comparisons(ranked.iter().map(Ranked::scored)) {
+        text += &wrapped(&statement, 2);
+    }
     for line in failure_lines(&failures(&groups), trials) {
         text += &wrapped(&line, 7);
+    }
+    if let Some(note) = early_ends(&groups) {
+        text += &wrapped(&format!("note: {note}"), 0);
     }
     text += &wrapped(&footnote(&groups[0].task, ranked.iter().any(|config| config.iqm.low.is_some())), 0);
     if ranked.iter().any(|config| config.seeds < LEAST_SEEDS) {

@@ -7,6 +7,7 @@ use std::thread;
 
 use serde::Serialize;
 
+use super::comparison::{Comparison, Scored};
 use super::history::{self, Retention};
 use super::outcome::{Group, Outcome, Score};
 use super::ranking::{Failures, score};
@@ -49,10 +50,14 @@ pub(super) struct Bootstrap {
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct ConfigReport {
     pub(super) name: String,
+    /// How tables and pictures call it.
+    pub(super) label: String,
     #[serde(skip)]
     pub(super) task: Spec,
     pub(super) seeds: usize,
     pub(super) failed: usize,
+    /// Runs that a key ended before their budget was used up.
+    pub(super) ended_early: usize,
     pub(super) final_solved: usize,
     pub(super) best_solved: usize,
     pub(super) final_solved_share: Estimate,
@@ -98,6 +103,8 @@ pub(super) struct ConfigRetention {
     pub(super) worst: Option<Worst>,
     pub(super) collapses: usize,
     pub(super) collapsed_seeds: usize,
+    pub(super) dips: usize,
+    pub(super) dipped_seeds: usize,
 }
 
 /// How many seeds have a policy that lasts [`study::ENDURANCE_STEPS`] steps from every start.
@@ -131,16 +138,14 @@ pub(super) struct CurvePoint {
     pub(super) iqm: Estimate,
 }
 
-/// A config against the first of the study, in its final scores.
-#[derive(Clone, Debug, Serialize)]
-pub(super) struct Comparison {
-    pub(super) config: String,
-    pub(super) against: String,
-    pub(super) probability_of_improvement: Estimate,
-    pub(super) iqm_difference: Estimate,
+impl ConfigReport {
+    /// What comparisons need of it.
+    pub(super) fn scored(&self) -> Scored<'_> {
+        Scored { name: &self.name, label: &self.label, task: &self.task, finals: &self.scores }
+    }
 }
 
-pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigReport {
+pub(super) fn config_report(Group { name, label, task, outcomes }: &Group) -> ConfigReport {
     let finals = sorted(outcomes.iter().map(|outcome| score(outcome.final_.as_ref(), task)));
     let bests = sorted(outcomes.iter().map(|outcome| score(outcome.best.as_ref(), task)));
     let solved = |scores: &Sample| scores.iter().filter(|&(score, _)| task.is_solved_by(score)).count();
@@ -151,9 +156,11 @@ pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigRep
     let areas = sorted(outcomes.iter().map(|outcome| history::area_under_curve(grid, &curve(outcome))));
     ConfigReport {
         name: name.clone(),
+        label: label.clone(),
         task: task.clone(),
         seeds: outcomes.len(),
         failed: outcomes.iter().filter(|outcome| outcome.error.is_some()).count(),
+        ended_early: outcomes.iter().filter(|outcome| outcome.stopped_by.is_some()).count(),
         final_solved,
         best_solved,
         final_solved_share: Estimate::share(final_solved, outcomes.len()),
@@ -224,6 +231,8 @@ fn retention(task: &Spec, outcomes: &[Outcome]) -> ConfigRetention {
         worst: worst.map(|(seed, Evaluation { env_steps, mean })| Worst { seed, env_steps, mean }),
         collapses: kept.iter().map(|(_, kept)| kept.collapses).sum(),
         collapsed_seeds: kept.iter().filter(|(_, kept)| kept.collapses > 0).count(),
+        dips: kept.iter().map(|(_, kept)| kept.dips).sum(),
+        dipped_seeds: kept.iter().filter(|(_, kept)| kept.dips > 0).count(),
     }
 }
 
@@ -251,14 +260,4 @@ fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[Outcome]) -> Vec<CurveP
             .flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
             .collect()
     })
-}
-
-pub(super) fn compare(config: &ConfigReport, first: &ConfigReport) -> Comparison {
-    let (x, y) = (&config.scores, &first.scores);
-    Comparison {
-        config: config.name.clone(),
-        against: first.name.clone(),
-        probability_of_improvement: Estimate::of_two(x, y, statistics::probability_of_improvement),
-        iqm_difference: Estimate::of_two(x, y, |x, y| iqm(x) - iqm(y)),
-    }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::text::{lines, shortened, visible};
+use crate::text::{lines, visible};
 
 /// How the plots begin that are files.
 pub(super) const START: &str = r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 "#;
@@ -47,10 +47,9 @@ impl Shape {
         Self { height: self.height / 2.0, bottom: 28.0, ..self }
     }
 
-    /// High enough for so many rows, each with a name above where the plot is labelled.
+    /// High enough for so many rows, each with a name above, and no higher.
     pub(super) fn for_rows(self, rows: usize) -> Self {
-        let row = if self.labelled { 36.0 } else { 14.0 };
-        Self { height: self.height.max(self.top + self.bottom + row * rows as f64), ..self }
+        Self { height: self.top + self.bottom + 44.0 * rows as f64, ..self }
     }
 }
 
@@ -80,7 +79,8 @@ pub(super) const DARK: [(&str, &str); 11] = [
 #[derive(Debug)]
 pub(super) struct Plot {
     shape: Shape,
-    title: String,
+    /// In lines.
+    title: Vec<String>,
     labels: [String; 2],
     x: (f64, f64),
     y: (f64, f64),
@@ -102,9 +102,11 @@ impl Plot {
         y: (f64, f64),
     ) -> Self {
         let widened = |(low, high): (f64, f64)| (low, if high > low { high } else { low + 1.0 });
+        let title = lines(&visible(title), LINE);
+        let more = if shape.labelled { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
         Self {
-            shape,
-            title: escaped(&shortened(&visible(title), LINE)),
+            shape: Shape { top: shape.top + more, height: shape.height + more, ..shape },
+            title,
             labels: [escaped(x_label), escaped(y_label)],
             x: widened(x),
             y: widened(y),
@@ -196,16 +198,19 @@ impl Plot {
             let _ = writeln!(self.marks, r#"<path d="{path}" stroke="{colour}" stroke-width="3"/>"#);
         }
         let _ = writeln!(self.marks, r#"<circle cx="{middle:.1}" cy="{height:.1}" r="5" fill="{colour}"/>"#);
-        if !self.shape.labelled {
-            return self.legend(series, text);
-        }
         let above = height - 10.0;
         let _ = writeln!(
             self.marks,
             r#"<text x="{:.1}" y="{above:.1}">{}</text>"#,
             self.shape.left + 8.0,
-            escaped(&shortened(&visible(text), LINE))
+            escaped(text)
         );
+    }
+
+    /// A thin line upwards.
+    pub(super) fn upright(&mut self, x: f64) {
+        let path = self.path([(x, self.y.0), (x, self.y.1)].into_iter());
+        let _ = writeln!(self.marks, r#"<path d="{path}" stroke="{LEVEL}" stroke-dasharray="2 4"/>"#);
     }
 
     /// A thin horizontal line with a text.
@@ -247,7 +252,7 @@ impl Plot {
 
     /// Title, what y is, and legend as HTML, for a plot that is not labelled.
     pub(super) fn caption(&self) -> String {
-        let mut caption = format!("<b>{}</b>", self.title);
+        let mut caption = format!("<b>{}</b>", self.escaped_title());
         if !self.labels[1].is_empty() {
             let _ = write!(caption, " ({})", self.labels[1]);
         }
@@ -261,6 +266,18 @@ impl Plot {
             );
         }
         caption
+    }
+
+    fn escaped_title(&self) -> String {
+        escaped(&self.title.join(" "))
+    }
+
+    fn drawn_title(&self, middle: f64) -> String {
+        let line = |(i, line): (usize, &String)| {
+            let (y, line) = (22.0 + LEGEND_LINE * i as f64, escaped(line));
+            format!("<text x=\"{middle}\" y=\"{y}\" text-anchor=\"middle\" font-size=\"15\">{line}</text>\n")
+        };
+        self.title.iter().enumerate().map(line).collect()
     }
 
     fn axes(&self) -> String {
@@ -313,10 +330,9 @@ impl Plot {
         let [x_label, y_label] = &self.labels;
         let (height, around) = if labelled {
             let around = format!(
-                r#"<text x="{middle}" y="22" text-anchor="middle" font-size="15">{}</text>
-<text transform="translate(16 {side}) rotate(-90)" text-anchor="middle">{y_label}</text>
+                r#"{}<text transform="translate(16 {side}) rotate(-90)" text-anchor="middle">{y_label}</text>
 {}"#,
-                self.title,
+                self.drawn_title(middle),
                 self.drawn_legend()
             );
             let legend = self.legend.iter().map(|(_, text)| lines(text, LINE).len()).sum::<usize>();
@@ -332,7 +348,7 @@ impl Plot {
 {marks}{around}</svg>
 "##,
             plot_height - 14.0,
-            title = self.title,
+            title = self.escaped_title(),
             axes = self.axes(),
             marks = self.marks,
         )
@@ -431,6 +447,6 @@ mod tests {
         let svg = plot.finish();
         let texts = svg.split('>').filter_map(|piece| piece.strip_suffix("</text"));
         assert!(texts.map(|text| text.chars().count()).all(|length| length <= LINE), "{svg}");
-        assert!(svg.contains(r#"height="454""#), "three more lines: {svg}");
+        assert!(svg.contains(r#"height="490""#), "three more lines below, and two above: {svg}");
     }
 }

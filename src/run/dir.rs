@@ -343,9 +343,10 @@ pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
     Err(bad(path, format!("has no {CHECKPOINTS}/{BEST} or {LAST}; give a checkpoint or a run")))
 }
 
-/// The evaluation at the end of the run in a directory, as its summary has it, and the checkpoint of that policy.
-pub fn final_evaluation(path: &Path) -> Option<(Evaluation, PathBuf)> {
-    let run = RunDir { path: path.to_owned() };
+/// The evaluation at the end of the run that a checkpoint belongs to, as the run's summary has it, and the checkpoint of that policy.
+pub fn final_evaluation(checkpoint: &Path) -> Option<(Evaluation, PathBuf)> {
+    let folder = checkpoint.parent().filter(|folder| folder.ends_with(CHECKPOINTS))?;
+    let run = RunDir { path: folder.parent()?.to_owned() };
     let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;
     Some((summary.final_evaluation?, run.last()))
 }

@@ -15,7 +15,7 @@ use crate::text::shown;
 
 pub use plan::{FORMAT_VERSION, MAX_SEEDS, NamedConfig, Shard, Study};
 pub use store::{Finished, LastTry, LeftOut, StudyDir};
-pub use trial::{Cause, ENDURANCE_STEPS, PolicyScore, SCORE_EPISODES, Trial, Unended};
+pub use trial::{Cause, ENDURANCE_STEPS, Ended, PolicyScore, SCORE_EPISODES, Trial, Unended};
 
 /// Why a study cannot be run or read.
 #[derive(Debug, thiserror::Error)]

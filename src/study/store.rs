@@ -11,9 +11,7 @@ use std::io::{self, BufRead, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use serde::de::IgnoredAny;
-
-use super::{Study, StudyError, Trial};
+use super::{Ended, Study, StudyError, Trial};
 use crate::config::EnvironmentConfig;
 use crate::files::{open_ordinary, read_text_limited, remove_unfinished, write_whole};
 use crate::run::names::MANIFEST;
@@ -49,7 +47,7 @@ pub struct Finished {
     /// Index of its config.
     pub config: usize,
     /// Its line.
-    pub trial: Trial<IgnoredAny>,
+    pub trial: Trial<Ended>,
 }
 
 /// What a reader of the finished trials does not see.
@@ -281,7 +279,7 @@ impl<'a> Reader<'a> {
         let not_a_trial = |problem: String| {
             format!("is not a trial of this study: {problem}; remove the line, and the study trains it again")
         };
-        let trial: Trial<IgnoredAny> =
+        let trial: Trial<Ended> =
             serde_json::from_slice(line).map_err(|error| not_a_trial(error.to_string()))?;
         let Trial { config, seed, .. } = &trial;
         let index = self.configs.get(config.as_str());

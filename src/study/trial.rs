@@ -30,7 +30,7 @@ pub const ENDURANCE_STEPS: u32 = 20_000;
 const DIVERGED: &str = "training diverged: ";
 
 /// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers of a study need
-/// no summary and skip it, as another type `S`.
+/// little of the summary, as another type `S`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial<S = Value> {
     /// Name of the config.
@@ -48,6 +48,13 @@ pub struct Trial<S = Value> {
     pub final_: Option<PolicyScore>,
     /// The evaluations during training.
     pub evaluations: Vec<Evaluation>,
+}
+
+/// What readers of a study need of a summary.
+#[derive(Debug, Deserialize)]
+pub struct Ended {
+    /// Why the run ended.
+    pub end_reason: Option<EndReason>,
 }
 
 /// What a policy gets in [`SCORE_EPISODES`] episodes from [`SCORE_SEED`].

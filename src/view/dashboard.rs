@@ -10,6 +10,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LineGauge, Paragraph};
 
 use super::player::Player;
+use super::{fitting, whole};
 use crate::agent::{Policy, STATISTICS, Statistic};
 use crate::env::{Environment, Spec};
 use crate::trainer::{Budget, EVALUATION_SEED, Event};
@@ -205,7 +206,7 @@ impl Dashboard {
             Constraint::Length(1),
             Constraint::Length(1),
             Constraint::Min(8),
-            Constraint::Length((self.statistics.len() as u16 + 2).div_ceil(2) + 2),
+            Constraint::Length((self.known().count() as u16 + 2).div_ceil(2) + 2),
             Constraint::Length(1),
         ])
         .areas(frame.area());
@@ -216,6 +217,12 @@ impl Dashboard {
         self.draw_player(frame, cart);
         self.draw_diagnostics(frame, diagnostics);
         frame.render_widget(Line::from(if self.ended { KEYS_AT_THE_END } else { KEYS }).dim(), keys);
+    }
+
+    /// The statistics that the run's agent has: a network has other ones than a table.
+    fn known(&self) -> impl Iterator<Item = (&'static str, &Series)> {
+        let all = statistics().map(|known| known.label).zip(&self.statistics);
+        all.filter(|(_, series)| series.latest.is_some())
     }
 
     fn draw_progress(&self, frame: &mut Frame<'_>, area: Rect, status: &str) {
@@ -265,8 +272,8 @@ impl Dashboard {
             return;
         };
         let title = format!(" latest policy │ step {} of {} ", player.steps, self.task.max_steps);
-        let returns: String =
-            player.returns.iter().rev().take(4).map(|(total, _)| format!(" {total}")).collect();
+        let returns = player.returns.iter().rev().take(4).map(|(total, _)| format!(" {}", whole(*total)));
+        let returns = fitting(returns, usize::from(area.width).saturating_sub(11));
         let returns = if returns.is_empty() { returns } else { format!(" returns{returns} ") };
         let block = Block::bordered().title(title).title_bottom(returns);
         player.draw(frame, area, block);
@@ -280,7 +287,7 @@ impl Dashboard {
         let own = [("ε", &self.epsilon), ("loss", &self.loss)];
         let lines: Vec<Line<'_>> = own
             .into_iter()
-            .chain(statistics().map(|known| known.label).zip(&self.statistics))
+            .chain(self.known())
             .map(|(name, series)| {
                 let latest = series.latest.map_or_else(|| "-".into(), short);
                 let width = usize::from(columns[0].width).saturating_sub(27);
@@ -371,6 +378,7 @@ mod tests {
             ] {
                 assert!(shown.contains(part), "{part} is not in\n{shown}");
             }
+            assert!(!shown.contains("visited share") && !shown.contains("action gap"), "{shown}");
         }
     }
 

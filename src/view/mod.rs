@@ -23,6 +23,7 @@ use ratatui::widgets::Paragraph;
 use ratatui::{DefaultTerminal, Frame, TerminalOptions, Viewport};
 
 use crate::env::EnvironmentError;
+use crate::text::width;
 
 pub use live::{Interrupts, Live};
 pub use pace::Pace;
@@ -34,6 +35,23 @@ const SMALLEST: Size = Size { width: 70, height: 20 };
 const LARGEST: Size = Size { width: 500, height: 200 };
 /// The time between two pictures: a step of simulated time.
 const FRAME: Duration = Duration::from_millis(20);
+
+/// A return as it is shown where there is little room: whole, or with one digit.
+fn whole(value: f64) -> String {
+    if value.fract() == 0.0 { value.to_string() } else { format!("{value:.1}") }
+}
+
+/// As many texts, each whole, as fit into so many columns.
+fn fitting(texts: impl Iterator<Item = String>, columns: usize) -> String {
+    let mut shown = String::new();
+    for text in texts {
+        if width(&shown) + width(&text) > columns {
+            break;
+        }
+        shown += &text;
+    }
+    shown
+}
 
 /// Why there is no view.
 #[derive(Debug, thiserror::Error)]

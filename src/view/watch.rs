@@ -11,9 +11,10 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
 
 use super::player::Player;
-use super::{FRAME, NoView, Screen, is_quit};
+use super::{FRAME, NoView, Screen, fitting, is_quit, whole};
 use crate::agent::Greedy;
 use crate::env::{Environment, EnvironmentError};
+use crate::text::{shortened, width};
 
 /// Simulated time per time; 1 is the middle.
 const SPEEDS: [f64; 9] = [0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
@@ -161,7 +162,9 @@ impl Watch {
         .areas(frame.area());
         let name = format!(" {}", self.name);
         frame.render_widget(Line::from(vec!["watch".bold(), name.into()]), title);
-        let block = Block::bordered().title(self.status()).title_bottom(self.state());
+        let block = Block::bordered()
+            .title(self.status())
+            .title_bottom(self.state(usize::from(picture.width).saturating_sub(2)));
         self.player.draw(frame, picture, block);
         self.draw_values(frame, values);
         frame.render_widget(Paragraph::new(self.returns(usize::from(returns.width))), returns);
@@ -187,9 +190,20 @@ impl Watch {
         )
     }
 
-    fn state(&self) -> String {
-        let numbers = self.player.spec().observations.iter().zip(self.player.state());
-        numbers.map(|(name, value)| format!(" {name} {value:+.3} ")).collect()
+    /// The state, with as many digits and names as fit.
+    fn state(&self, columns: usize) -> String {
+        let names = &self.player.spec().observations;
+        let number = |(name, value): (&String, f64), digits: usize, named| match named {
+            true => format!(" {name} {value:+.digits$} "),
+            false => format!(" {value:+.digits$}"),
+        };
+        let state = |(digits, named): (usize, bool)| {
+            let numbers = names.iter().zip(self.player.state());
+            numbers.map(|pair| number(pair, digits, named)).collect::<String>()
+        };
+        let forms = [(3, true), (2, true), (1, true), (3, false)].into_iter().map(state);
+        let whole = forms.into_iter().find(|text| width(text) <= columns);
+        whole.unwrap_or_else(|| shortened(&state((1, false)), columns))
     }
 
     fn shown_values(&self) -> usize {
@@ -216,15 +230,16 @@ impl Watch {
         frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()).block(block), area);
     }
 
-    fn returns(&self, width: usize) -> Vec<Line<'_>> {
+    fn returns(&self, columns: usize) -> Vec<Line<'_>> {
         let returns = &self.player.returns;
         if returns.is_empty() {
             return vec![Line::from("returns: none yet")];
         }
         let mean = returns.iter().map(|(total, _)| *total).sum::<f64>() / returns.len() as f64;
-        let latest = returns.iter().rev().take(width.saturating_sub(24) / 5);
-        let latest: String =
-            latest.map(|(total, pushed)| format!(" {total}{}", if *pushed { "*" } else { "" })).collect();
+        let latest = returns.iter().rev();
+        let latest =
+            latest.map(|(total, pushed)| format!(" {}{}", whole(*total), if *pushed { "*" } else { "" }));
+        let latest = fitting(latest, columns.saturating_sub(22));
         let marked =
             if returns.iter().any(|(_, pushed)| *pushed) { "   * with actions of yours" } else { "" };
         vec![
@@ -246,7 +261,9 @@ fn bar(share: f32, width: usize) -> String {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::env::CartPole;
+    use crate::agent::Policy;
+    use crate::env::{Acrobot, CartPole, TimeLimit};
+    use crate::nn::Mlp;
     use crate::view::tests::{policy, text};
 
     fn view() -> Watch {
@@ -326,6 +343,20 @@ mod tests {
         assert!(shown(&view).contains("yours: left"));
         press(&mut view, KeyCode::Right);
         assert!(shown(&view).contains("yours: right"));
+    }
+
+    #[test]
+    fn every_number_of_a_state_is_seen_whole() {
+        let acrobot = Box::new(TimeLimit::new(Acrobot::default(), 500));
+        let six = Policy::Network(Mlp::zeros(vec![6, 3]));
+        let view = Watch::new(six.greedy(1), acrobot, "runs/x", 7).unwrap();
+        for columns in [80, 70] {
+            let screen = text(columns, 24, |frame| view.draw(frame));
+            let bottom = screen.lines().find(|line| line.starts_with('└')).unwrap();
+            let numbers = bottom.split(' ').filter(|word| word.starts_with(['+', '-'])).count();
+            assert_eq!(numbers, 6, "{screen}");
+            assert!(bottom.trim_end().ends_with("┘") && !bottom.contains('…'), "{screen}");
+        }
     }
 
     #[test]

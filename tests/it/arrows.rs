@@ -24,7 +24,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("run", &["memory", "text", "files", "nn", "env", "tensors", "agent", "trainer", "config", "sink"]),
     ("study", &["text", "files", "env", "agent", "trainer", "config", "run"]),
     ("draw", &["env"]),
-    ("view", &["env", "agent", "trainer", "draw"]),
+    ("view", &["text", "env", "agent", "trainer", "draw"]),
     ("report", &["rng", "text", "files", "env", "agent", "trainer", "config", "run", "study", "draw"]),
     (
         "cli",

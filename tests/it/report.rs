@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::Spec;
 use cartpole_dqn::env::catalogue::EnvironmentId;
-use cartpole_dqn::report::history;
 use cartpole_dqn::report::statistics::{self, Estimate, Sample, iqm, mean, median, sorted};
+use cartpole_dqn::report::{self, history};
 use cartpole_dqn::rng::Rng;
 use cartpole_dqn::study::{NamedConfig, Shard, Study, StudyDir};
 use cartpole_dqn::trainer::Evaluation;
@@ -174,7 +174,7 @@ fn the_course_of_a_run_by_hand() {
     let run = evaluations(&[10.0, 475.0, 500.0, 474.9, 480.0, 100.0, 90.0]);
     assert_eq!(history::steps_to_solve(&run, &cartpole()), Some(200));
     let kept = history::retention(&run, &cartpole()).unwrap();
-    assert_eq!((kept.evaluations, kept.solved, kept.collapses), (5, 2, 2));
+    assert_eq!((kept.evaluations, kept.solved, kept.collapses, kept.dips), (5, 2, 1, 1));
     assert_eq!(kept.worst, Some(Evaluation { env_steps: 700, mean: 90.0 }));
     let never = evaluations(&[10.0, 474.9]);
     assert!(
@@ -215,8 +215,8 @@ fn write_study(sandbox: &Sandbox, configs: &[(&str, &[Option<f64>])]) {
             let trial = json!({
                 "config": name,
                 "seed": seed,
-                "error": score.map_or(json!("diverged"), |_| Value::Null),
-                "summary": null,
+                "error": score.map_or(json!("training diverged: early"), |_| Value::Null),
+                "summary": score.map(|_| json!({"end_reason": "budget"})),
                 "best": policy(score.unwrap_or(10.0).max(480.0)),
                 "final": score.map(policy),
                 "evaluations": evaluations,
@@ -278,8 +278,8 @@ fn the_report_of_a_study_by_hand() {
     assert_eq!(good["retention"]["share"], 7.0 / 11.0);
     assert_eq!(good["retention"]["worst"], json!({"seed": 9, "env_steps": 200, "mean": 10.0}));
     assert_eq!(
-        (&good["retention"]["collapses"], &good["retention"]["collapsed_seeds"]),
-        (&json!(4), &json!(4))
+        ["collapses", "collapsed_seeds", "dips", "dipped_seeds"].map(|key| &good["retention"][key]),
+        [2; 4].map(|count| json!(count)).each_ref()
     );
     let curve: Vec<&Value> =
         good["learning_curve"].as_array().unwrap().iter().map(|point| &point["value"]).collect();
@@ -295,7 +295,8 @@ fn the_report_of_a_study_by_hand() {
     // 9 of 12 above 100, one equal.
     assert_eq!(comparison["probability_of_improvement"]["value"], 9.5 / 12.0);
     assert!((comparison["iqm_difference"]["value"].as_f64().unwrap() - (iqm - 100.0)).abs() < 1e-12);
-    let failure = json!({"trials": 1, "reason": "diverged", "config": good["name"], "seed": 10});
+    let failure =
+        json!({"trials": 1, "reason": "training diverged: early", "config": good["name"], "seed": 10});
     assert_eq!((&report["failures"], &report["warnings"]), (&json!([failure]), &json!([])));
 
     let csv = sandbox.read("s/evaluations.csv");
@@ -422,10 +423,10 @@ fn the_report_of_a_run_says_what_happened_and_when() {
     write_run(&sandbox, &means);
     let printed = unwrapped(&sandbox.run(&["report", "r"]).success());
     for statement in [
-        "solved at step 600: the first of 17 evaluations ≥ 475 ",
+        "solved at step 600: the first evaluation ≥ 475; 11 of 17 evaluations are ",
         "collapsed at step 1600: mean return 120.0 at step 1600, mean return 480.0 at step 1500 before; solved again at step 1700 ",
         " moved first: td_error.q90 was 9.0000 at step 1500, 1.1071 ± 0.0829 before ",
-        "retained: 10 of the 11 evaluations after the first solution solve, collapses: 1, the worst is mean return 120.0",
+        "retained: 10 of the 11 evaluations after the first solution solve, collapses: 1, dips: 0, the worst is mean return 120.0",
         "training: mean return 500.0 over the last 17 training episodes; the classic criterion takes 100 ",
         "best: mean return 500.0 at step 1700 ",
         "final: mean return 500.0 at step 1700 (the run has not ended) ",
@@ -443,6 +444,197 @@ fn the_report_of_a_run_says_what_happened_and_when() {
     assert!(svg.contains("last 100 training episodes") && svg.contains("<title>Learning curve of r</title>"));
 }
 
+/// Half way from 475 back to the random policy is 248.6.
+#[test]
+fn a_dip_below_the_threshold_is_no_collapse_and_a_fall_in_stages_is_one() {
+    let fall = |means: &[f64]| history::losses(&evaluations(means), &cartpole());
+    let collapses =
+        |means: &[f64]| fall(means).iter().map(|loss| loss.collapse.map(|at| at.mean)).collect::<Vec<_>>();
+    assert_eq!(collapses(&[489.0, 455.0, 490.0, 249.0, 300.0]), [None, None]);
+    assert_eq!(collapses(&[500.0, 470.0, 300.0, 200.0, 9.0]), [Some(200.0)]);
+    let [loss] = fall(&[500.0, 470.0, 9.0, 200.0, 475.0])[..] else { panic!("one loss") };
+    assert_eq!(
+        [loss.before, loss.after, loss.lowest, loss.recovered.unwrap()].map(|at| at.env_steps),
+        [100, 200, 300, 500]
+    );
+    let mountain_car = EnvironmentId::MountainCarV0.spec();
+    let worst = [-105.0, -150.0, -105.0, -160.0].map(|mean| Evaluation { env_steps: 1, mean });
+    let collapsed =
+        history::losses(&worst, &mountain_car).iter().map(|loss| loss.collapse.is_some()).collect::<Vec<_>>();
+    assert_eq!(collapsed, [false, true], "half way is -155");
+    let foreign = Spec { id: "Mine-v0".into(), ..cartpole() };
+    let level = |means: &[f64]| history::half_way(&evaluations(means), &foreign).unwrap();
+    assert_eq!([level(&[100.0, 25.0, 480.0, 0.0]), level(&[480.0, 25.0])], [250.0, 237.5]);
+
+    let sandbox = Sandbox::new();
+    write_run(&sandbox, &[10.0, 489.0, 455.0, 480.0, 300.0]);
+    let printed = unwrapped(&sandbox.run(&["report", "r"]).success());
+    let said = "dipped 2 times below the threshold without a collapse, which is below 248.6, half way back to the random \
+                policy: the lowest is mean return 300.0 at step 500 ";
+    assert!(printed.contains(said) && !printed.contains("collapsed at"), "{printed}");
+}
+
+/// The known mean returns of the random policy.
+#[test]
+fn the_random_policy_is_where_it_is_said_to_be() {
+    let sandbox = Sandbox::new();
+    for name in EnvironmentId::NAMES {
+        let arguments = ["eval", "--policy", "random", "--environment", name, "--episodes", "400", "--json"];
+        let score = stdout_json(&sandbox.run(&arguments).success());
+        let error = score["std"].as_f64().unwrap() / 20.0;
+        let stated = EnvironmentId::from_name(name).unwrap().random_return();
+        assert!((score["mean"].as_f64().unwrap() - stated).abs() <= 4.0 * error + 0.05, "{name}: {score}");
+    }
+}
+
+#[test]
+fn what_moved_before_later_evaluations_that_solved_did_not_move_first() {
+    let sandbox = Sandbox::new();
+    let mut means = [480.0; 30].to_vec();
+    means.push(10.0);
+    write_run(&sandbox, &means);
+    let printed = unwrapped(&sandbox.run(&["report", "r"]).success());
+    assert!(
+        printed.contains(
+            "collapsed at step 3100: mean return 10.0 at step 3100, mean return 480.0 at step 3000"
+        )
+    );
+    assert!(
+        !printed.contains("moved first") && printed.contains("no statistic left its usual range"),
+        "{printed}"
+    );
+    assert!(printed.contains("not solved again so far"), "{printed}");
+}
+
+#[test]
+fn a_run_that_ended_early_or_almost_solved_is_called_so() {
+    let sandbox = Sandbox::new();
+    sandbox.write("r/config.json", "{\"seed\": 7, \"environment\": \"CartPole-v1\"}");
+    let evaluation = |mean: f64| json!({"event": "evaluation", "env_steps": 100, "mean": mean}).to_string();
+    let end = |reason: &str| json!({"event": "end", "env_steps": 100, "reason": reason}).to_string();
+    let early = "ended early: stop_when_lasting_steps ended the run after the evaluation at step 100, so nothing shows";
+    for (mean, reason, said, is_early) in [
+        (500.0, "lasting", "solved at step 100: the first evaluation ≥ 475; 1 of 1 evaluations are ", true),
+        (400.0, "budget", "never solved: the best of 1 evaluations is mean return 400.0", false),
+        (40.0, "budget", "never learned: the best of 1 evaluations is mean return 40.0", false),
+    ] {
+        sandbox.write("r/metrics.jsonl", format!("{}\n{}\n", evaluation(mean), end(reason)));
+        let printed = unwrapped(&sandbox.run(&["report", "r"]).success());
+        assert!(printed.contains(said) && printed.contains(early) == is_early, "{printed}");
+    }
+}
+
+#[test]
+fn a_comparison_says_what_its_intervals_show() {
+    let sandbox = Sandbox::new();
+    let few = &GOOD[..9];
+    for (first, second, verdict, statement) in [
+        (&BAD[..], &GOOD[..], "better", "second is better than first: P(better) 0.792 ["),
+        (&GOOD[..], &BAD[..], "worse", "first is better than second: P(better) 0.208 ["),
+        (
+            &GOOD[..],
+            &GOOD[..],
+            "no_difference_shown",
+            "no difference shown between second and first: P(better) 0.500 [",
+        ),
+        (
+            few,
+            few,
+            "too_few_seeds",
+            "nothing shown of second and first: an interval takes 10 seeds of both, and there are 9",
+        ),
+    ] {
+        write_study(&sandbox, &[("first", first), ("second", second)]);
+        let printed = unwrapped(&sandbox.run(&["report", "s"]).success());
+        let comparison = &sandbox.json("s/report.json")["comparisons"][0];
+        assert_eq!(comparison["verdict"], verdict, "{comparison}");
+        let said = comparison["statement"].as_str().unwrap();
+        assert!(said.starts_with(statement) && printed.contains(said), "{said}: {printed}");
+        sandbox.run(&["report", "s", "--html", "page.html"]).success();
+        assert!(sandbox.read("page.html").contains(said));
+        assert_eq!(said.contains("contains 0"), verdict == "no_difference_shown", "{said}");
+    }
+}
+
+#[test]
+fn the_picture_of_a_comparison_shows_the_difference_and_its_interval_alone() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("first", &BAD), ("second", &GOOD), ("third", &BAD)]);
+    sandbox.run(&["report", "s"]).success();
+    let svg = sandbox.read("s/comparison.svg");
+    let report = sandbox.json("s/report.json");
+    let difference = &report["comparisons"][0]["iqm_difference"];
+    let [value, low, high] = ["value", "low", "high"].map(|key| difference[key].as_f64().unwrap());
+    let row = format!(">second: {value:.1} [{low:.1}, {high:.1}]</text>");
+    assert!(svg.contains(&row) && svg.contains(">third: 0.0 [0.0, 0.0]</text>"), "{row}: {svg}");
+    assert!(svg.contains("Difference of the final IQMs from first, 95 % bootstrap interval"), "{svg}");
+    // The picture begins at the lowest value of the rows, so their points are far from each other.
+    let points =
+        svg.split("<circle cx=\"").skip(1).filter_map(|rest| rest.split('"').next()?.parse::<f64>().ok());
+    let points: Vec<f64> = points.collect();
+    assert!(points.len() == 2 && points[0] > points[1] + 200.0, "{points:?}");
+    // One config alone is shown with its own IQM.
+    write_study(&sandbox, &[("only", &GOOD)]);
+    sandbox.run(&["report", "s"]).success();
+    assert!(sandbox.read("s/comparison.svg").contains("IQM of the final policies over seeds"));
+}
+
+#[test]
+fn one_config_has_one_short_name_in_a_report() {
+    let sandbox = Sandbox::new();
+    let names = [
+        "a_long_tutorial_config optimizer.learning_rate=0.001 gamma=0.95",
+        "a_long_tutorial_config optimizer.learning_rate=0.001 gamma=0.99",
+    ];
+    write_study(&sandbox, &[(names[0], &GOOD), (names[1], &BAD)]);
+    let output = sandbox.run(&["report", "s"]).success();
+    let printed = unwrapped(&output);
+    let labels = ["… gamma=0.95", "… gamma=0.99"];
+    for (label, name) in labels.iter().zip(names) {
+        assert!(printed.contains(&format!("{label}: {name} ")), "{printed}");
+        assert_eq!(printed.matches(name).count(), 1, "once in full: {printed}");
+    }
+    assert!(printed.contains("… gamma=0.95 is better than … gamma=0.99: "), "{printed}");
+    assert!(sandbox.read("s/comparison.svg").contains("… gamma=0.99: "));
+    sandbox.run(&["report", "s", "--html", "page.html"]).success();
+    let page = sandbox.read("page.html");
+    assert!(
+        page.contains(&format!("<li>… gamma=0.95: {}</li>", names[0]))
+            && page.contains("data-heading=\"IQM\"")
+    );
+}
+
+#[test]
+fn a_study_whose_runs_ended_early_says_so_wherever_it_is_shown() {
+    let sandbox = Sandbox::new();
+    write_study(&sandbox, &[("a", &GOOD), ("b", &GOOD)]);
+    let budget = json!({"end_reason": "budget"}).to_string();
+    edit_lines(&sandbox, "s", |lines| {
+        for (reason, range) in [("lasting", 0..5), ("solved", 5..7)] {
+            let ended = json!({"end_reason": reason}).to_string();
+            lines[range].iter_mut().for_each(|line| *line = line.replace(&budget, &ended));
+        }
+    });
+    let said = "7 of 24 runs ended early, so final scores hide differences; set stop_when_lasting_steps to null and \
+                stop_when_solved to false to compare whole trainings";
+    assert!(unwrapped(&sandbox.run(&["report", "s"]).success()).contains(said));
+    let report = sandbox.json("s/report.json");
+    assert!(report["warnings"][0].as_str().unwrap().starts_with(said), "{report}");
+    assert_eq!(
+        (&report["configs"][0]["ended_early"], &report["configs"][1]["ended_early"]),
+        (&json!(7), &json!(0))
+    );
+    sandbox.run(&["report", "s", "--html", "page.html"]).success();
+    assert!(sandbox.read("page.html").contains(said));
+    // The same at the end of `study`.
+    let standing = report::standing(&StudyDir::open_to_read(&sandbox.path("s")).unwrap()).unwrap();
+    let standing = standing.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        standing.contains(said) && standing.contains("no difference shown between b and a"),
+        "{standing}"
+    );
+}
+
 #[test]
 fn a_run_that_never_learned_is_called_so() {
     let sandbox = Sandbox::new();
@@ -458,10 +650,13 @@ fn a_run_that_never_learned_is_called_so() {
         "area_under_curve",
         "best",
         "collapses",
+        "dips",
+        "end_reason",
         "ended",
         "evaluations",
         "final",
         "format_version",
+        "half_way",
         "kind",
         "retention",
         "seed",
@@ -491,15 +686,18 @@ fn thirty_configs_with_long_and_foreign_names_fit_80_columns_best_first() {
         |rank: &str, value: &str| printed.lines().any(|line| line.starts_with(rank) && line.ends_with(value));
     assert!(place("   1  29-", " 29.0  29.0") && place("  29  0-", "  0.0   0.0"), "{printed}");
     let printed = unwrapped(&output);
-    assert!(printed.contains("Names in full: 1: 29-\\u{1b}[31m<&\"\\nnnn"), "{printed}");
+    assert!(printed.contains("Names in full: 0-\\u{1b}[…nnnnnnnn: 0-\\u{1b}[31m<&\"\\nnnn"), "{printed}");
     assert_eq!(printed.matches("note: ").count(), 2, "{printed}");
     assert!(
-        printed.contains("nnn: 0 of 3 seeds are finished")
+        printed.contains("7-\\u{1b}[…nnnnnnnn: 0 of 3 seeds are finished")
             && printed.contains("and 28 other configs: 3 seeds")
     );
-    for plot in ["comparison.svg", "learning_curves.svg"] {
+    for (plot, name) in [
+        ("comparison.svg", "29-\\u{1b}…nnnnnnnn: 29.0"),
+        ("learning_curves.svg", "29-\\u{1b}[31m&lt;&amp;&quot;\\nn"),
+    ] {
         let svg = sandbox.read(&format!("s/{plot}"));
-        assert!(svg.contains("29-\\u{1b}[31m&lt;&amp;&quot;\\nn") && !svg.contains('\u{1b}'), "{svg}");
+        assert!(svg.contains(name) && !svg.contains('\u{1b}'), "{svg}");
     }
 }
 
@@ -514,7 +712,8 @@ fn a_study_whose_trials_all_failed_has_a_report() {
     });
     let printed = unwrapped(&sandbox.run(&["report", "s"]).success());
     assert!(
-        printed.contains("2 of 2 trials failed") && printed.contains("2 ×: diverged (first: a, seed 0)"),
+        printed.contains("2 of 2 trials failed")
+            && printed.contains("2 ×: training diverged: early (first: a, seed 0)"),
         "{printed}"
     );
     sandbox.run(&["report", "s", "--html", "page.html"]).success();

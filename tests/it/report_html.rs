@@ -119,6 +119,35 @@ fn a_run_without_a_checkpoint_still_has_a_page() {
     sandbox.refuses(&["report", "run", "--html", "other.html"], &["best.safetensors", "damaged"]);
 }
 
+/// The task of the policy is a program, which is not there and would not be started.
+#[test]
+#[cfg(unix)]
+fn the_page_of_a_run_on_a_program_says_why_nothing_is_played_and_what_was_recorded() {
+    let sandbox = Sandbox::with_run();
+    let mut config = sandbox.json("run/config.json");
+    let task = serde_json::to_value(cartpole_dqn::env::catalogue::EnvironmentId::CartPoleV1.spec()).unwrap();
+    let mut task = task.as_object().unwrap().clone();
+    task.remove("map");
+    config["environment"] = json!({"command": ["./gone"], "task": task});
+    sandbox.write("run/config.json", config.to_string());
+    sandbox.run(&["report", "run", "--html", "page.html"]).success();
+    let page = sandbox.read("page.html");
+    check(&page);
+    let best = sandbox.json("run/summary.json")["best_evaluation"].clone();
+    for shown in [
+        "is a program, which a report does not start",
+        "watch DIR --allow-command",
+        &format!(">{}</td>", best["env_steps"]),
+        ">smallest</th>",
+    ] {
+        assert!(page.contains(shown), "{shown}");
+    }
+    assert!(!page.contains("no checkpoint") && !page.contains("id=\"scene\""));
+    fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
+    sandbox.run(&["report", "run", "--html", "page.html"]).success();
+    assert!(sandbox.read("page.html").contains("there is no checkpoint in the directory"));
+}
+
 #[test]
 fn a_page_replaces_a_page_and_nothing_else() {
     let sandbox = Sandbox::with_run();

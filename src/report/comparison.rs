@@ -1,0 +1,135 @@
+//! A config of a study against the first: what their final scores show, and what distorts it.
+
+use serde::Serialize;
+
+use super::outcome::Group;
+use super::statistics::{self, Estimate, LEAST_SEEDS, Sample, iqm, shown};
+use crate::env::Spec;
+
+/// A config against the first of the study, in its final scores.
+#[derive(Serialize)]
+pub(super) struct Comparison {
+    pub(super) config: String,
+    pub(super) against: String,
+    /// The label of the config, and that of the other.
+    #[serde(skip)]
+    pub(super) labels: [String; 2],
+    pub(super) probability_of_improvement: Estimate,
+    pub(super) iqm_difference: Estimate,
+    verdict: Verdict,
+    /// The verdict in words.
+    pub(super) statement: String,
+}
+
+/// What the intervals of a comparison show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Verdict {
+    /// The config is better than the first.
+    Better,
+    /// The first is better.
+    Worse,
+    /// Each interval holds the value of two equal configs.
+    NoDifferenceShown,
+    /// One number says better, and the other worse.
+    Mixed,
+    /// There are no intervals.
+    TooFewSeeds,
+    /// The configs play different tasks.
+    OtherTask,
+}
+
+/// On which side of the value of two equal configs an interval is; 0 where that value lies inside, none without an interval.
+fn side(estimate: &Estimate, equal: f64) -> Option<i8> {
+    let (low, high) = estimate.low.zip(estimate.high)?;
+    Some(i8::from(low > equal) - i8::from(high < equal))
+}
+
+/// What is compared of a config.
+#[derive(Clone, Copy)]
+pub(super) struct Scored<'a> {
+    pub(super) name: &'a str,
+    pub(super) label: &'a str,
+    pub(super) task: &'a Spec,
+    pub(super) finals: &'a Sample,
+}
+
+impl Comparison {
+    /// A config against another.
+    pub(super) fn new(config: Scored<'_>, against: Scored<'_>) -> Self {
+        let (x, y) = (config.finals, against.finals);
+        let probability = Estimate::of_two(x, y, statistics::probability_of_improvement);
+        let difference = Estimate::of_two(x, y, |x, y| iqm(x) - iqm(y));
+        let verdict = match side(&probability, 0.5).zip(side(&difference, 0.0)) {
+            _ if config.task != against.task => Verdict::OtherTask,
+            None => Verdict::TooFewSeeds,
+            Some((0, 0)) => Verdict::NoDifferenceShown,
+            Some((a, b)) if a * b < 0 => Verdict::Mixed,
+            Some((a, b)) if a + b > 0 => Verdict::Better,
+            Some(_) => Verdict::Worse,
+        };
+        let mut comparison = Self {
+            config: config.name.into(),
+            against: against.name.into(),
+            labels: [config.label.into(), against.label.into()],
+            probability_of_improvement: probability,
+            iqm_difference: difference,
+            verdict,
+            statement: String::new(),
+        };
+        comparison.statement = comparison.said(x.len().min(y.len()));
+        comparison
+    }
+
+    /// The sentence: the verdict, and the two intervals that it follows from.
+    fn said(&self, seeds: usize) -> String {
+        let [config, against] = &self.labels;
+        let places = |estimate: &Estimate, equal: f64| {
+            if side(estimate, equal) == Some(0) { "contains" } else { "excludes" }
+        };
+        let (probability, difference) = (&self.probability_of_improvement, &self.iqm_difference);
+        let intervals = format!(
+            "P(better) {} {} 0.5, the difference of the IQMs {} {} 0",
+            shown(probability, 3),
+            places(probability, 0.5),
+            shown(difference, 1),
+            places(difference, 0.0)
+        );
+        match self.verdict {
+            Verdict::Better => format!("{config} is better than {against}: {intervals}"),
+            Verdict::Worse => format!("{against} is better than {config}: {intervals}"),
+            Verdict::NoDifferenceShown => {
+                format!("no difference shown between {config} and {against}: {intervals}")
+            }
+            Verdict::Mixed => {
+                format!("{config} and {against} differ, and neither is better throughout: {intervals}")
+            }
+            Verdict::OtherTask => {
+                format!("nothing shown of {config} and {against}: they play different tasks")
+            }
+            Verdict::TooFewSeeds => format!(
+                "nothing shown of {config} and {against}: an interval takes {LEAST_SEEDS} seeds of both, and there are {seeds}"
+            ),
+        }
+    }
+}
+
+/// How many runs a key ended before their budget was used up, and what that does to the numbers; nothing if none ended so.
+pub(super) fn early_ends(groups: &[Group]) -> Option<String> {
+    let outcomes = || groups.iter().flat_map(|group| &group.outcomes);
+    let mut keys: Vec<&str> = outcomes().filter_map(|outcome| outcome.stopped_by).collect();
+    let (early, all) = (keys.len(), outcomes().count());
+    keys.sort_unstable();
+    keys.dedup();
+    let remedy =
+        |key: &&str| format!("{key} to {}", if *key == "stop_when_solved" { "false" } else { "null" });
+    let remedies: Vec<String> = keys.iter().map(remedy).collect();
+    (early > 0).then(|| {
+        format!(
+            "{early} of {all} runs ended early, so final scores hide differences; set {} to compare whole trainings. Up to \
+             the end of the longest run, a run that ended early counts in the learning curves and their area with its last \
+             evaluation. What is retained, collapses and dips count until its end alone",
+            remedies.join(" and ")
+        )
+    })
+}
