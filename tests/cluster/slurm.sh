@@ -98,7 +98,7 @@ scancel "$job"
 wait_for "! squeue --noheader --job $job | grep -q ." 'the array on a program does not end'
 ! grep -h '"error":"' slurm-dock/trials/*.jsonl || fail 'a line records that a program got a signal'
 "$binary" study slurm-dock --status | tee status
-grep -q 'stopped by a signal' status || fail 'the status does not say why the last tries ended'
+grep -q 'ended without a result' status || fail 'the status does not say why the last tries ended'
 job=$(submit)
 wait_for "! squeue --noheader --job $job | grep -q ." 'the second array on a program does not end'
 "$binary" study one-dock --quiet --allow-command
