@@ -1,6 +1,5 @@
 //! The file that a command writes for the user, or standard output.
 
-use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
 use std::path::Path;
 
@@ -74,6 +73,6 @@ impl Output<'_> {
 
 fn start_of(path: &Path) -> io::Result<Vec<u8>> {
     let mut start = Vec::new();
-    open_ordinary(File::options().read(true), path)?.take(START).read_to_end(&mut start)?;
+    open_ordinary(path)?.take(START).read_to_end(&mut start)?;
     Ok(start)
 }

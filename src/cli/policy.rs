@@ -1,6 +1,5 @@
 //! The policy that a command plays or describes: what the user typed, or the newest run.
 
-use std::fs::File;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
@@ -162,7 +161,7 @@ impl Found {
 
 fn is_trial(error: &CheckpointError) -> bool {
     let trial = || {
-        let (mut first, file) = (String::new(), open_ordinary(File::options().read(true), &error.path).ok()?);
+        let (mut first, file) = (String::new(), open_ordinary(&error.path).ok()?);
         BufReader::new(file.take(MAX_TRIAL)).read_line(&mut first).ok()?;
         serde_json::from_str::<Trial>(&first).ok()
     };

@@ -1,13 +1,12 @@
 //! `cartpole-dqn report`
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use super::output::Output;
 use super::ui::{Failure, cannot_write, note, print, print_json};
-use crate::files::{write_json, write_whole};
+use crate::files::{Directory, create_folders, write_whole};
 use crate::report::{self, Report, ReportError};
 use crate::run::names::REPORT;
 use crate::text::{shown, wrapped};
@@ -53,8 +52,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let path = &out.join(name);
         Output { option: "--out", path, what: "of a report", is_own: report::is_own }.check()?;
         // A pipe that nobody reads would never be written.
-        if path.exists() && !path.is_file() {
-            return Err(Failure::BadInput(format!("{} is not an ordinary file; remove it", shown(path))));
+        if path.symlink_metadata().is_ok_and(|found| !found.is_file()) {
+            let problem = format!("{} is a link or not an ordinary file; remove it", shown(path));
+            return Err(Failure::BadInput(problem));
         }
     }
     // The report is also printed when it cannot be saved.
@@ -63,13 +63,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         print(&report.text)?;
     }
-    fs::create_dir_all(out).map_err(|error| cannot_write(out, &error, "; choose another --out"))?;
+    let hint = "; choose another --out";
+    let directory = create_folders(out).and_then(|_| Directory::open(out));
+    let directory = directory.map_err(|error| cannot_write(out, &error, hint))?;
     let json = out.join(REPORT);
-    write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, "; choose another --out"))?;
+    directory.write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, hint))?;
     let mut written = vec![REPORT];
     for (name, content) in &report.files {
         let path = out.join(name);
-        write_whole(&path, content).map_err(|error| cannot_write(&path, &error, "; choose another --out"))?;
+        directory.write_whole(&path, None, content).map_err(|error| cannot_write(&path, &error, hint))?;
         written.push(name);
     }
     if arguments.json {

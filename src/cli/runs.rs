@@ -1,6 +1,6 @@
 //! `cartpole-dqn runs`
 
-use std::fs::{File, TryLockError};
+use std::fs::TryLockError;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
@@ -225,7 +225,7 @@ impl State {
 impl History {
     /// Reads a metrics file line by line, until the first line that is none of a run.
     fn read(path: &Path) -> io::Result<Self> {
-        let mut reader = BufReader::new(open_ordinary(File::options().read(true), path)?);
+        let mut reader = BufReader::new(open_ordinary(path)?);
         let mut history = Self::default();
         let mut line = Vec::new();
         for number in 1.. {
@@ -260,7 +260,7 @@ impl History {
 /// Whether another process trains the run of this metrics file. To ask takes a lock that others may share, for a moment;
 /// `train` asks several times before it takes that for another process that trains.
 fn is_locked(metrics: &Path) -> bool {
-    let file = open_ordinary(File::options().read(true), metrics);
+    let file = open_ordinary(metrics);
     file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 

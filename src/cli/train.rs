@@ -12,7 +12,7 @@ use super::signals::{self, Signals};
 use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say, shell_word};
 use crate::config::{Config, MAX_BYTES};
 use crate::env::Spec;
-use crate::files::{read_text_limited, write_json};
+use crate::files::read_text_limited;
 use crate::run::{Record, Recorder, Resumed, RunDir, Started, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::shown;
@@ -136,7 +136,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     };
     let record = Record::new(&run, &trainer, reason, seconds);
     // The summary is also printed when it cannot be saved.
-    let saved = write_json(&run.summary(), &record);
+    let saved = run.write_json(&run.summary(), &record);
     drop(observers);
     match (arguments.json, arguments.quiet) {
         (true, _) => print_json(&record)?,
@@ -206,7 +206,9 @@ fn observers<'a>(
     if arguments.tensorboard || (arguments.resume.is_some() && run.has_events()) {
         let (folder, rate) = (run.tensorboard(), config.agent.learning_rate());
         let learning_rate = move |steps| rate.after(steps);
-        let events = TensorBoard::create(&folder, env_steps, learning_rate);
+        let events = run
+            .directory()
+            .and_then(|directory| TensorBoard::create(directory, &folder, env_steps, learning_rate));
         observers.0.push(Box::new(events.map_err(|error| cannot_write(&folder, &error, ""))?));
     }
     Ok(observers)

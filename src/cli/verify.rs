@@ -8,6 +8,7 @@ use clap::Args;
 use super::permission::AllowCommand;
 use super::signals::Signals;
 use super::ui::{Failure, print};
+use crate::files::temporary_directory;
 use crate::run::{
     Extent, Record, RunDir, compare_files, compare_summaries, first_step, load, read_summary, start_again,
 };
@@ -54,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     config.check_memory(1).map_err(Failure::BadInput)?;
-    let folder = tempfile::tempdir().map_err(|error| {
+    let folder = temporary_directory().map_err(|error| {
         let place = shown(&std::env::temp_dir());
         let message = format!(
             "cannot verify: the run is trained again in the temporary directory {place}, which cannot be written: {error}; \

@@ -1,13 +1,12 @@
 //! `cartpole-dqn web`
 
-use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
 
 use super::output::Output;
 use super::ui::{Failure, cannot_write, print};
-use crate::files::write_whole;
+use crate::files::{create_folders, write_whole};
 use crate::text::shown;
 
 /// Write the page that trains in a browser: one HTML file for a web server, or to be opened as it is.
@@ -42,7 +41,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let is_own = |start: &[u8]| start.windows(TITLE.len()).any(|window| window == TITLE);
     Output { option: "--out", path, what: "this page", is_own }.check()?;
     let hint = "; choose another --out";
-    fs::create_dir_all(&arguments.out).map_err(|error| cannot_write(&arguments.out, &error, hint))?;
+    create_folders(&arguments.out).map_err(|error| cannot_write(&arguments.out, &error, hint))?;
     write_whole(path, |file| file.write_all(page)).map_err(|error| cannot_write(path, &error, hint))?;
     print(&format!("written: {}\n", shown(path)))
 }

@@ -2,7 +2,6 @@
 //! the layout.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{self, Read};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -13,7 +12,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::agent::Policy;
 use crate::env::Spec;
-use crate::files::{open_ordinary, read_limited, write_whole_keeping};
+use crate::files::{Directory, open_ordinary, read_limited, write_whole};
 use crate::memory::check_memory;
 use crate::tensors::{TensorError, Tensors, sha256};
 use crate::trainer::ResumeError;
@@ -182,16 +181,18 @@ impl Checkpoint {
     /// # Errors
     /// When it cannot be written; a file that was there before then still is.
     pub fn write(&self, path: &Path) -> io::Result<()> {
-        self.write_keeping(path, None)
+        let bytes = self.to_bytes()?;
+        write_whole(path, |file| file.write_all(&bytes))
     }
 
-    /// As [`Self::write`], and the file that was there before stays under the name `kept`.
+    /// As [`Self::write`], below a directory and through no link. The file that was there before stays under the name
+    /// `kept`.
     ///
     /// # Errors
     /// See there.
-    pub fn write_keeping(&self, path: &Path, kept: Option<&Path>) -> io::Result<()> {
+    pub fn write_below(&self, directory: &Directory, path: &Path, kept: Option<&Path>) -> io::Result<()> {
         let bytes = self.to_bytes()?;
-        write_whole_keeping(path, kept, |file| file.write_all(&bytes))
+        directory.write_whole(path, kept, |file| file.write_all(&bytes))
     }
 
     /// The header.
@@ -232,7 +233,7 @@ impl Checkpoint {
 fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     const LENGTH: usize = size_of::<u64>();
     let damaged = |reason: &str| CheckpointProblem::NotSafetensors(reason.into());
-    let mut file = open_ordinary(File::options().read(true), path).map_err(CheckpointProblem::Unreadable)?;
+    let mut file = open_ordinary(path).map_err(CheckpointProblem::Unreadable)?;
     let size = file.metadata().map_err(CheckpointProblem::Unreadable)?.len();
     if size > MAX_FILE_SIZE {
         let message = format!("larger than {MAX_FILE_SIZE} bytes");

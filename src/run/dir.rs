@@ -3,6 +3,7 @@
 use std::fs::{self, DirEntry, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use super::names::{
     BEST, CHECKPOINTS, CONFIG, INIT, LAST, MANIFEST, METRICS, PREVIOUS, PROGRESS, SUMMARY, TENSORBOARD,
@@ -11,8 +12,7 @@ use super::names::{
 use super::{Checkpoint, RunError, bad, unwritable};
 use crate::config::{Config, MAX_BYTES};
 use crate::files::{
-    create_folders, is_unfinished, open_ordinary, read_text_limited, remove_abandoned, remove_empty,
-    write_json,
+    Directory, create_folders, is_unfinished, open_ordinary, read_text_limited, remove_empty,
 };
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::text::shown;
@@ -22,6 +22,14 @@ use crate::trainer::{Evaluation, Summary};
 #[derive(Clone, Debug)]
 pub struct RunDir {
     path: PathBuf,
+    /// Held from its first use on.
+    directory: OnceLock<Directory>,
+}
+
+impl From<&Path> for RunDir {
+    fn from(path: &Path) -> Self {
+        Self { path: path.to_owned(), directory: OnceLock::new() }
+    }
 }
 
 impl RunDir {
@@ -38,27 +46,34 @@ impl RunDir {
         config: &Config,
         init: Option<&Checkpoint>,
     ) -> Result<(Self, JsonLines), RunError> {
-        let run = Self { path: path.to_owned() };
+        let run = Self::from(path);
         run.replaced(force)?;
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(path),
             _ => unwritable(path, error, "; choose another --out"),
         };
-        let mut made = create_folders(path).map_err(failed)?;
+        let made = create_folders(path).map_err(failed)?;
         let (mut metrics, is_new) = run.lock().map_err(|error| {
             remove_empty(&made);
             failed(error)
         })?;
         // Another process may have made, changed or removed a run before this one had the lock.
+        let mut made_checkpoints = false;
         let filled = run.replaced(force).and_then(|replaced| {
-            made.splice(0..0, create_folders(&run.checkpoints()).map_err(failed)?);
+            let created = run.directory().and_then(|directory| directory.create_dir(&run.checkpoints()));
+            made_checkpoints = created.map_err(failed)?;
             run.fill(&mut metrics, replaced, config, init).map_err(failed)
         });
         filled.inspect_err(|_| {
             // Between the making of the metrics and their lock another process may have made a run, and even ended it.
-            if is_new && !run.config().exists() {
-                let _ = fs::remove_file(run.metrics());
-                let _ = fs::remove_file(run.init());
+            if let Ok(directory) = run.directory() {
+                if is_new && !run.config().exists() {
+                    let _ = directory.remove_file(&run.metrics());
+                    let _ = directory.remove_file(&run.init());
+                }
+                if made_checkpoints {
+                    let _ = directory.remove_dir(&run.checkpoints());
+                }
             }
             remove_empty(&made);
         })?;
@@ -97,12 +112,13 @@ impl RunDir {
 
     /// Locks the metrics, which are made where there are none, and whether they were made.
     fn lock(&self) -> io::Result<(JsonLines, bool)> {
+        let directory = self.directory()?;
         loop {
-            match JsonLines::open(&self.metrics()) {
+            match JsonLines::open(directory, &self.metrics()) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 opened => return Ok((opened?, false)),
             }
-            match JsonLines::create(&self.metrics()) {
+            match JsonLines::create(directory, &self.metrics()) {
                 // Another process was faster.
                 Err(error)
                     if error.kind() == io::ErrorKind::AlreadyExists && is_ordinary(&self.metrics()) => {}
@@ -113,16 +129,17 @@ impl RunDir {
 
     /// The directory of a run that is there, and the config in it.
     pub fn open(path: &Path) -> Result<(Self, Config), RunError> {
-        let run = Self { path: path.to_owned() };
+        let run = Self::from(path);
         let config = run.read_config()?;
         let mut files = vec![run.config(), run.metrics(), run.summary(), run.progress()];
         files.extend([run.best(), run.last(), run.previous(), run.init()]);
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
-            Ok(found) if **path == run.checkpoints() => !found.is_dir(),
+            Ok(found) if [run.checkpoints(), run.tensorboard()].contains(path) => !found.is_dir(),
             Ok(found) => !found.is_file(),
             Err(_) => false,
         };
-        if let Some(foreign) = files.iter().chain([&run.checkpoints()]).find(is_foreign) {
+        let folders = [run.checkpoints(), run.tensorboard()];
+        if let Some(foreign) = files.iter().chain(&folders).find(is_foreign) {
             let problem = format!(
                 "holds {}, which is a link or not the kind of file that its name promises",
                 foreign.display()
@@ -140,7 +157,8 @@ impl RunDir {
 
     /// The run's metrics; as long as they are there, the directory belongs to this process.
     pub fn take(&self) -> Result<JsonLines, RunError> {
-        JsonLines::open(&self.metrics()).map_err(|error| match error.kind() {
+        let opened = self.directory().and_then(|directory| JsonLines::open(directory, &self.metrics()));
+        opened.map_err(|error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(&self.path),
             _ => unwritable(&self.metrics(), error, ""),
         })
@@ -148,7 +166,7 @@ impl RunDir {
 
     /// Keeps other processes from changing the run, as long as the file is there; it need not be writable.
     pub fn share(&self) -> Result<File, RunError> {
-        let file = open_ordinary(File::options().read(true), &self.metrics())
+        let file = open_ordinary(&self.metrics())
             .map_err(|error| bad(&self.path, format!("cannot be read: {METRICS}: {error}")))?;
         match file.try_lock_shared() {
             Err(TryLockError::WouldBlock) => Err(in_use(&self.path)),
@@ -177,25 +195,48 @@ impl RunDir {
         config: &Config,
         init: Option<&Checkpoint>,
     ) -> io::Result<()> {
+        let directory = self.directory()?;
         if !replaced.is_empty() {
             // Before the first file is gone: the checkpoints may be writable where the run's directory is not.
-            tempfile::tempfile_in(&self.path)?;
+            directory.check_writable(&self.config())?;
         }
         // The old config stays until the new one takes its place: a run that is half replaced can still be replaced.
         for path in replaced {
             match path.file_name() {
-                Some(name) if is_unfinished(name) => remove_abandoned(&path)?,
-                _ => fs::remove_file(path)?,
+                Some(name) if is_unfinished(name) => directory.remove_abandoned(&path)?,
+                _ => directory.remove_file(&path)?,
             }
         }
         // The new run may have none; where it stays it is empty.
-        let _ = fs::remove_dir(self.tensorboard());
+        let _ = directory.remove_dir(&self.tensorboard());
         metrics.cut(0)?;
         // Before the config, which makes it a run: no run may lack the weights that it starts with.
         if let Some(init) = init {
-            init.write(&self.init())?;
+            init.write_below(directory, &self.init(), None)?;
         }
-        write_json(&self.config(), config)
+        self.write_json(&self.config(), config)
+    }
+
+    /// Writes a value whole as indented JSON.
+    ///
+    /// # Errors
+    /// When that fails.
+    pub fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
+        self.directory()?.write_json(path, value)
+    }
+
+    /// The directory, in which nothing is reached through a link.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub fn directory(&self) -> io::Result<&Directory> {
+        match self.directory.get() {
+            Some(directory) => Ok(directory),
+            None => {
+                let directory = Directory::open(&self.path)?;
+                Ok(self.directory.get_or_init(|| directory))
+            }
+        }
     }
 
     /// Whether an entry is a harmless leftover of a process that was killed before it created a run.
@@ -240,9 +281,9 @@ impl RunDir {
                 continue;
             }
             let is_own = go.contains(&path) || self.is_events(&path) || is_of_a_report(&name);
-            if path.is_dir() || !(is_own || is_unfinished(&name)) {
+            if path.is_dir() || !(is_own || is_unfinished(&name)) || path.is_symlink() {
                 return Err(format!(
-                    "holds {}, which does not belong to a run, and --force replaces only runs; choose another --out",
+                    "holds {}, which is a link or does not belong to a run, and --force replaces only runs; choose another --out",
                     shown(&path)
                 ));
             }
@@ -318,7 +359,7 @@ pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
     if !path.is_dir() {
         return Ok(path.to_owned());
     }
-    let run = RunDir { path: path.to_owned() };
+    let run = RunDir::from(path);
     for file in [run.best(), run.last()] {
         match file.metadata() {
             Ok(found) if found.is_file() => return Ok(file),
@@ -346,7 +387,7 @@ pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
 /// The evaluation at the end of the run that a checkpoint belongs to, as the run's summary has it, and the checkpoint of that policy.
 pub fn final_evaluation(checkpoint: &Path) -> Option<(Evaluation, PathBuf)> {
     let folder = checkpoint.parent().filter(|folder| folder.ends_with(CHECKPOINTS))?;
-    let run = RunDir { path: folder.parent()?.to_owned() };
+    let run = RunDir::from(folder.parent()?);
     let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;
     Some((summary.final_evaluation?, run.last()))
 }

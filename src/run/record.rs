@@ -24,7 +24,8 @@ pub struct Recorder {
 impl Recorder {
     /// Goes on after the events that are in `metrics`.
     pub(super) fn new(dir: RunDir, config: Config, mut metrics: JsonLines) -> Result<Self, RunError> {
-        let progress = ProgressCsv::create(&dir.progress()).and_then(|mut progress| {
+        let created = dir.directory().and_then(|directory| ProgressCsv::create(directory, &dir.progress()));
+        let progress = created.and_then(|mut progress| {
             metrics.replay(&mut progress)?;
             Ok(progress)
         });
@@ -51,7 +52,8 @@ impl Observer for Recorder {
             }
         };
         let checkpoint = Checkpoint::of_run(&self.config, due.snapshot());
-        let written = checkpoint.and_then(|checkpoint| checkpoint.write_keeping(&path, kept.as_deref()));
+        let written = checkpoint
+            .and_then(|checkpoint| checkpoint.write_below(self.dir.directory()?, &path, kept.as_deref()));
         written.map_err(|error| named(&path, &error))
     }
 }

@@ -1,6 +1,5 @@
 //! How a run begins, and how it is resumed.
 
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -13,7 +12,6 @@ use super::{
 };
 use crate::agent::{Exploration, Policy};
 use crate::config::{Config, EnvironmentConfig, difference};
-use crate::files::{remove_unfinished, write_json};
 use crate::nn::LearningRate;
 use crate::text::shown;
 use crate::trainer::{Budget, EndReason, Observer, ResumeError, TrainError, Trainer};
@@ -174,7 +172,7 @@ pub fn resume(
     }
     take_back(&dir, &trainer, falls_back).map_err(failed)?;
     if config != recorded {
-        write_json(&dir.config(), &config).map_err(failed)?;
+        dir.write_json(&dir.config(), &config).map_err(failed)?;
     }
     let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics)?;
     if branches {
@@ -365,18 +363,13 @@ fn can_be_replaced(problem: &CheckpointProblem) -> bool {
 
 /// Removes what the run has written after its checkpoint, the metrics apart.
 fn take_back(run: &RunDir, trainer: &Trainer, falls_back: bool) -> io::Result<()> {
-    fs::create_dir_all(run.checkpoints())?;
-    remove_unfinished(run.path())?;
-    remove_unfinished(&run.checkpoints())?;
+    let directory = run.directory()?;
+    directory.create_dir(&run.checkpoints())?;
+    directory.remove_unfinished(run.path())?;
+    directory.remove_unfinished(&run.checkpoints())?;
     if falls_back {
-        fs::rename(run.previous(), run.last())?;
+        directory.rename(&run.previous(), &run.last())?;
     }
     let no_best = trainer.best_policy().is_none().then(|| run.best());
-    for path in [run.summary()].into_iter().chain(no_best) {
-        match fs::remove_file(path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
-        }
-    }
-    Ok(())
+    [run.summary()].iter().chain(&no_best).try_for_each(|path| directory.remove_if_there(path))
 }

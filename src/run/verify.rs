@@ -70,7 +70,7 @@ fn compare_lines(
     repeated: &Path,
     count: u64,
 ) -> Result<Option<String>, RunError> {
-    let open = |path| open_ordinary(File::options().read(true), path).map(BufReader::new).map_err(failed);
+    let open = |path| open_ordinary(path).map(BufReader::new).map_err(failed);
     let line = |file: &mut BufReader<File>| {
         let mut line = Vec::new();
         file.take(MAX_LINE).read_until(b'\n', &mut line).map(|_| line).map_err(failed)

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
-use crate::files::{is_at, open_ordinary};
+use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
 /// Most bytes of a line that are read at once; an event has less than a thousand.
@@ -28,19 +28,19 @@ impl JsonLines {
     ///
     /// # Errors
     /// When that fails; [`io::ErrorKind::WouldBlock`] when another process has the file.
-    pub fn open(path: &Path) -> io::Result<Self> {
-        Self::lock(open_ordinary(File::options().read(true).write(true), path)?, path)
+    pub fn open(directory: &Directory, path: &Path) -> io::Result<Self> {
+        Self::lock(directory.open_file(path)?, directory, path)
     }
 
     /// Makes the file.
     ///
     /// # Errors
     /// When that fails, also because it is there; [`io::ErrorKind::WouldBlock`] when another process already has it.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        Self::lock(File::options().read(true).write(true).create_new(true).open(path)?, path)
+    pub fn create(directory: &Directory, path: &Path) -> io::Result<Self> {
+        Self::lock(directory.create_file(path)?, directory, path)
     }
 
-    fn lock(file: File, path: &Path) -> io::Result<Self> {
+    fn lock(file: File, directory: &Directory, path: &Path) -> io::Result<Self> {
         for attempt in 0..ATTEMPTS {
             if attempt > 0 {
                 thread::sleep(PAUSE);
@@ -48,7 +48,9 @@ impl JsonLines {
             match file.try_lock() {
                 Err(TryLockError::WouldBlock) => {}
                 // A file system without locks is no reason to refuse.
-                Ok(()) | Err(TryLockError::Error(_)) if is_at(&file, path)? => return Ok(Self { file }),
+                Ok(()) | Err(TryLockError::Error(_)) if directory.is_at(&file, path) => {
+                    return Ok(Self { file });
+                }
                 Ok(()) | Err(TryLockError::Error(_)) => break,
             }
         }

@@ -1,9 +1,10 @@
 //! `progress.csv`: evaluations and some of the training episodes as a table, for people with a spreadsheet.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 
+use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
 /// Every so many training episodes there is a row.
@@ -25,12 +26,9 @@ impl ProgressCsv {
     ///
     /// # Errors
     /// When that fails.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        match fs::remove_file(path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
-        }
-        let mut file = File::create_new(path)?;
+    pub fn create(directory: &Directory, path: &Path) -> io::Result<Self> {
+        directory.remove_if_there(path)?;
+        let mut file = directory.create_file(path)?;
         writeln!(file, "{HEADER}")?;
         Ok(Self { file })
     }

@@ -5,7 +5,7 @@
 //! `Summary { repeated Value value = 1; }`, `Value { string tag = 1; float simple_value = 2; }`.
 
 use std::collections::VecDeque;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -13,6 +13,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use crc::{CRC_32_ISCSI, Crc};
 
 use super::TENSORBOARD_PREFIX;
+use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
 /// CRC-32C.
@@ -37,14 +38,15 @@ impl TensorBoard {
     /// # Errors
     /// When that fails.
     pub fn create(
+        directory: &Directory,
         folder: &Path,
         env_steps: u64,
         learning_rate: impl Fn(u64) -> f64 + 'static,
     ) -> io::Result<Self> {
-        fs::create_dir_all(folder)?;
+        directory.create_dir(folder)?;
         let name =
             format!("{TENSORBOARD_PREFIX}{:.0}.cartpole-dqn.{}", wall_time().floor(), std::process::id());
-        let file = BufWriter::new(File::create_new(folder.join(name))?);
+        let file = BufWriter::new(directory.create_file(&folder.join(name))?);
         let learning_rate = Box::new(learning_rate);
         let mut sink = Self { file, learning_rate, recent_lengths: VecDeque::new(), start: None };
         let mut version = Vec::new();

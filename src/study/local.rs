@@ -80,7 +80,7 @@ impl StudyDir {
         let named = &self.study().configs[number.0];
         let (make, unfinished) = (make(&named.config), self.unfinished(number));
         self.forget_last_try(number);
-        Trial::run(named, make, number.1, self.study().endurance, Some(&unfinished), stop)
+        Trial::run(named, make, number.1, self.study().endurance, Some((&self.directory, &unfinished)), stop)
     }
 
     /// Runs the first trial and keeps nothing of it.

@@ -13,9 +13,7 @@ use serde_json::{Value, json};
 use super::StudyError;
 use crate::config::{Config, difference};
 use crate::env::{EnvironmentError, Spec};
-use crate::files::{
-    create_folders, is_unfinished, read_text_limited, remove_empty, write_json, write_json_new,
-};
+use crate::files::{Directory, create_folders, is_unfinished, read_text_limited, remove_empty};
 use crate::run::names::MANIFEST;
 
 /// Version of the files of a study.
@@ -163,7 +161,7 @@ impl Study {
         let path = folder.join(MANIFEST);
         if is_free(folder).map_err(bad)? {
             let made = create_folders(folder).map_err(unwritable)?;
-            match write_json_new(&path, self) {
+            match Directory::open(folder).and_then(|directory| directory.write_json_new(&path, self)) {
                 // Another process was faster; whether it runs the same study is seen below.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 written => written.map_err(|error| {
@@ -173,7 +171,9 @@ impl Study {
             }
         }
         if self.has_more_seeds_than(&read_manifest(folder).map_err(bad)?).map_err(bad)? {
-            write_json(&path, self).map_err(unwritable)?;
+            Directory::open(folder)
+                .and_then(|directory| directory.write_json(&path, self))
+                .map_err(unwritable)?;
         }
         Ok(())
     }

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use super::{Ended, Study, StudyError, Trial};
 use crate::config::EnvironmentConfig;
-use crate::files::{open_ordinary, read_text_limited, remove_unfinished, write_whole};
+use crate::files::{Directory, open_ordinary, random_name, read_text_limited};
 use crate::run::names::MANIFEST;
 use crate::text::shown;
 
@@ -38,6 +38,8 @@ type Each<'a> = dyn FnMut(Finished) -> Result<(), String> + 'a;
 #[derive(Debug)]
 pub struct StudyDir {
     pub(super) path: PathBuf,
+    /// In which nothing is reached through a link.
+    pub(super) directory: Directory,
     study: Study,
 }
 
@@ -76,8 +78,11 @@ impl StudyDir {
     /// # Errors
     /// When there is something else in the directory, another study included, or it cannot be written.
     pub fn create(path: &Path, study: Study) -> Result<Self, StudyError> {
+        if path.is_dir() {
+            refuse_links(path)?;
+        }
         study.write(path)?;
-        Ok(Self { path: path.into(), study })
+        Self::with(path, study)
     }
 
     /// Opens the directory of a study, to go on with it.
@@ -86,6 +91,7 @@ impl StudyDir {
     /// When there is none, or another version of this program began it.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
         let study_dir = Self::open_to_read(path)?;
+        refuse_links(path)?;
         let bad = |problem| StudyError::Folder { path: path.into(), problem };
         study_dir.study.check().map_err(bad)?;
         Ok(study_dir)
@@ -96,7 +102,12 @@ impl StudyDir {
     /// # Errors
     /// When there is none.
     pub fn open_to_read(path: &Path) -> Result<Self, StudyError> {
-        Ok(Self { path: path.into(), study: Study::read(path)? })
+        Self::with(path, Study::read(path)?)
+    }
+
+    fn with(path: &Path, study: Study) -> Result<Self, StudyError> {
+        let unreadable = |source| StudyError::Unreadable { path: path.into(), source };
+        Ok(Self { path: path.into(), directory: Directory::open(path).map_err(unreadable)?, study })
     }
 
     /// Where it is.
@@ -126,19 +137,22 @@ impl StudyDir {
     /// Keeps why a try has ended. Where that cannot be written, the process has said it, and the trial is missing all the same.
     pub(super) fn record_last_try(&self, trial: (usize, u64), reason: &str) {
         let path = self.unfinished_file(trial, REASON);
-        let _ = fs::create_dir_all(self.path.join(UNFINISHED))
-            .and_then(|()| write_whole(&path, |file| file.write_all(reason.as_bytes())));
+        let written = self
+            .directory
+            .create_dir(&self.path.join(UNFINISHED))
+            .and_then(|_| self.directory.write_whole(&path, None, |file| file.write_all(reason.as_bytes())));
+        drop(written);
     }
 
     /// Removes why the try before has ended: another one begins.
     pub(super) fn forget_last_try(&self, trial: (usize, u64)) {
-        let _ = fs::remove_file(self.unfinished_file(trial, REASON));
+        let _ = self.directory.remove_file(&self.unfinished_file(trial, REASON));
     }
 
     /// Removes what is kept of a trial that has its line now.
     pub(super) fn forget_unfinished(&self, trial: (usize, u64)) {
         self.forget_last_try(trial);
-        let _ = fs::remove_file(self.unfinished(trial));
+        let _ = self.directory.remove_file(&self.unfinished(trial));
     }
 
     /// The trials of which something is kept.
@@ -167,8 +181,8 @@ impl StudyDir {
                 .filter(|trial| found.contains_key(trial))
                 .for_each(|trial| self.forget_unfinished(trial));
             if found.len() as u64 == self.study.total() {
-                let _ = remove_unfinished(&unfinished);
-                let _ = fs::remove_dir(unfinished);
+                let _ = self.directory.remove_unfinished(&unfinished);
+                let _ = self.directory.remove_dir(&unfinished);
             }
         }
         Ok(())
@@ -225,6 +239,21 @@ impl StudyDir {
     }
 }
 
+/// Refuses a study in which a process would write, replace or remove something through a link.
+fn refuse_links(path: &Path) -> Result<(), StudyError> {
+    let check = || {
+        let directory = Directory::open(path)?;
+        let unfinished = path.join(UNFINISHED);
+        for path in [path.join(MANIFEST), path.join(TRIALS), unfinished.clone()] {
+            directory.refuse_link(&path)?;
+        }
+        let mut kept = fs::read_dir(unfinished).into_iter().flatten();
+        kept.try_for_each(|entry| directory.refuse_link(&entry?.path()))
+    };
+    let bad = |error: io::Error| format!("cannot be used for a study: {error}");
+    check().map_err(|error| StudyError::Folder { path: path.into(), problem: bad(error) })
+}
+
 /// Reads the files of a study one after the other.
 struct Reader<'a> {
     files: Vec<PathBuf>,
@@ -249,7 +278,7 @@ impl<'a> Reader<'a> {
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
         let path = self.files[file].clone();
         let unreadable = |source| StudyError::Unreadable { path: path.clone(), source };
-        let opened = match open_ordinary(File::options().read(true), &path) {
+        let opened = match open_ordinary(&path) {
             // A process that had nothing to write has removed its file.
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
             opened => opened.map_err(unreadable)?,
@@ -330,6 +359,7 @@ impl<'a> Reader<'a> {
 
 /// The file of a process, to which it appends the trials that it has finished.
 pub(super) struct Writer {
+    directory: Directory,
     path: PathBuf,
     file: File,
     synced: Instant,
@@ -344,18 +374,11 @@ impl Writer {
         let host = gethostname::gethostname().to_string_lossy().replace(|c: char| !c.is_alphanumeric(), "_");
         #[cfg(target_family = "wasm")]
         let host = "wasm";
-        let new = || {
-            fs::create_dir_all(&folder)?;
-            let (prefix, suffix) = (format!("{host}-{}-", std::process::id()), format!(".{EXTENSION}"));
-            let mut builder = tempfile::Builder::new();
-            builder.prefix(&prefix).suffix(&suffix);
-            // The umask of the process takes bits away, as from every new file.
-            #[cfg(unix)]
-            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-            builder.tempfile_in(&folder)?.keep().map_err(|error| error.error)
-        };
-        let (file, path) = new().map_err(|source| StudyError::Write { path: folder.clone(), source })?;
-        Ok(Self { path, file, synced: Instant::now(), is_empty: true })
+        let directory = study_dir.directory.clone();
+        let path = folder.join(format!("{host}-{}-{}.{EXTENSION}", std::process::id(), random_name()));
+        let new = directory.create_dir(&folder).and_then(|_| directory.create_file(&path));
+        let file = new.map_err(|source| StudyError::Write { path: folder, source })?;
+        Ok(Self { directory, path, file, synced: Instant::now(), is_empty: true })
     }
 
     /// Appends a trial. After an error the file ends in the middle of a line, and nothing may follow.
@@ -378,7 +401,7 @@ impl Writer {
 
     /// Makes all trials last.
     pub(super) fn finish(mut self) -> Result<(), StudyError> {
-        let result = if self.is_empty { fs::remove_file(&self.path) } else { self.sync() };
+        let result = if self.is_empty { self.directory.remove_file(&self.path) } else { self.sync() };
         result.map_err(|source| StudyError::Write { path: self.path, source })
     }
 }

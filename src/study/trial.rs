@@ -1,7 +1,6 @@
 //! One trial: a config trained with a seed, and its result. What ends a try without following from config and seed is no
 //! result: such a try is [`Unended`], and the next one resumes it.
 
-use std::fs;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -14,6 +13,7 @@ use super::NamedConfig;
 use crate::agent::Policy;
 use crate::config::Config;
 use crate::env::{EnvironmentError, Make, Spec};
+use crate::files::Directory;
 use crate::run::Checkpoint;
 use crate::text::shown;
 use crate::trainer::{
@@ -167,13 +167,13 @@ impl Trial {
         make: Arc<Make>,
         seed: u64,
         endurance: bool,
-        unfinished: Option<&Path>,
+        unfinished: Option<(&Directory, &Path)>,
         stop: &AtomicBool,
     ) -> Result<Self, Unended> {
         let mut config = named.config.clone();
         config.seed = seed;
         let mut keeper =
-            Keeper { config: &config, path: unfinished, evaluations: Vec::new(), is_kept: false };
+            Keeper { config: &config, place: unfinished, evaluations: Vec::new(), is_kept: false };
         Self::try_run(&named.name, make, endurance, &mut keeper, stop).map_err(|cause| {
             let is_kept = keeper.is_kept;
             Unended { config: named.name.clone(), seed, cause, is_kept }
@@ -251,7 +251,7 @@ impl Trial {
 struct Keeper<'a> {
     config: &'a Config,
     /// None where nothing is to be kept.
-    path: Option<&'a Path>,
+    place: Option<(&'a Directory, &'a Path)>,
     evaluations: Vec<Evaluation>,
     /// Whether the file is there.
     is_kept: bool,
@@ -273,11 +273,14 @@ impl Observer for Keeper<'_> {
 
 impl Keeper<'_> {
     fn keep(&mut self, snapshot: Snapshot) -> io::Result<()> {
-        let (Some(path), Some(progress)) = (self.path, snapshot.progress) else { return Ok(()) };
+        let (Some((directory, path)), Some(progress)) = (self.place, snapshot.progress) else {
+            return Ok(());
+        };
         let (settings, evaluations) = (json!(self.config), self.evaluations.clone());
         let mut checkpoint = Checkpoint::new(&Unfinished { settings, progress, evaluations })?;
         checkpoint.tensors = snapshot.tensors;
-        let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| checkpoint.write(path));
+        let made = path.parent().map_or(Ok(false), |folder| directory.create_dir(folder));
+        let written = made.and_then(|_| checkpoint.write_below(directory, path, None));
         written.map_err(|error| {
             io::Error::new(error.kind(), format!("cannot write {}: {error}", shown(path)))
         })?;
@@ -287,7 +290,7 @@ impl Keeper<'_> {
 
     /// The run of an earlier try, if its file is there and whole.
     fn resume(&mut self, make: &Arc<Make>) -> Result<Option<Trainer>, EnvironmentError> {
-        let Some(checkpoint) = self.path.and_then(|path| Checkpoint::read(path).ok()) else {
+        let Some(checkpoint) = self.place.and_then(|(_, path)| Checkpoint::read(path).ok()) else {
             return Ok(None);
         };
         let header = checkpoint.header::<Unfinished>().ok();

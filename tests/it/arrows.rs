@@ -218,3 +218,30 @@ fn only_the_command_line_sinks_and_views_print() {
         assert!(may_print || !prints.iter().any(|print| code.contains(print)), "{module} prints");
     }
 }
+
+/// What is not here does not change a disk. What is written by an open file has been opened here.
+#[test]
+fn no_file_but_files_opens_for_writing_or_changes_a_directory() {
+    const CHANGES: [&str; 16] = [
+        "File::create",
+        "File::options",
+        "OpenOptions",
+        "fs::write",
+        "fs::copy",
+        "fs::rename",
+        "fs::hard_link",
+        "fs::soft_link",
+        "fs::symlink",
+        "fs::create_dir",
+        "fs::remove_",
+        "fs::set_permissions",
+        "DirBuilder",
+        "tempfile::",
+        "rustix::fs",
+        "create_new(",
+    ];
+    for (module, code) in modules() {
+        let found = CHANGES.iter().find(|change| code.contains(**change));
+        assert!(module.starts_with("files") || found.is_none(), "{module} has {found:?}");
+    }
+}

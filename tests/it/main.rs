@@ -24,6 +24,8 @@ mod hostile;
 #[cfg(unix)]
 mod hostile_programs;
 mod kernels;
+#[cfg(unix)]
+mod links;
 mod mirror;
 #[cfg(unix)]
 mod program;
