@@ -4,10 +4,6 @@
 //! [`Rng::from_seed`] draws what `numpy.random.default_rng(seed)` draws; that gives Gymnasium's episodes.
 //! Integers and floats are drawn by the few lines here and not by a crate's distributions, which may change.
 
-use rand::Rng as _;
-use rand_pcg::Pcg64;
-use serde::Deserialize;
-
 /// Who draws from a stream. A run spawns one stream for each from its seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
@@ -21,38 +17,29 @@ pub enum Stream {
     Replay = 3,
 }
 
-/// A stream of random numbers.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Rng(Pcg64);
+/// The multiplier of PCG's 128-bit generators.
+const MULTIPLIER: u128 = 0x2360_ed05_1fc6_5da4_4385_df64_9fcc_f645;
 
-/// What the crate's generator is, as it serialises itself.
-#[derive(Default, Deserialize)]
-struct Place {
+/// A stream of random numbers: PCG64, a linear congruential generator whose state is mixed into 64 bits.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Rng {
     state: u128,
+    /// Odd: which of the generator's sequences this is.
     increment: u128,
 }
 
 impl Rng {
     /// Where the stream is, for a checkpoint: state and increment of PCG64, the low half of each first.
     pub fn to_words(&self) -> [u64; 4] {
-        // The crate shows its numbers only through serde, and this cannot fail.
-        let text = serde_json::to_string(&self.0).unwrap_or_default();
-        let Place { state, increment } = serde_json::from_str(&text).unwrap_or_default();
+        let Self { state, increment } = *self;
         [state as u64, (state >> 64) as u64, increment as u64, (increment >> 64) as u64]
     }
 
     /// The inverse of [`Self::to_words`]. None for an even increment, with which the period would be shorter, down to 1: a
     /// draw that is repeated until it fits would hang.
     pub fn from_words([state_low, state_high, increment_low, increment_high]: [u64; 4]) -> Option<Self> {
-        let join = |high: u64, low: u64| (u128::from(high) << 64) | u128::from(low);
         let (state, increment) = (join(state_high, state_low), join(increment_high, increment_low));
-        if increment.is_multiple_of(2) {
-            return None;
-        }
-        // `new` makes the step after `state`.
-        let mut generator = Pcg64::new(state.wrapping_sub(increment), increment >> 1);
-        generator.advance(u128::MAX);
-        Some(Self(generator))
+        (!increment.is_multiple_of(2)).then_some(Self { state, increment })
     }
 
     /// The stream of `numpy.random.default_rng(seed)`.
@@ -67,13 +54,21 @@ impl Rng {
 
     fn from_seed_sequence(seed: u64, spawn_key: &[u32]) -> Self {
         let [state_high, state_low, stream_high, stream_low] = seed_sequence(seed, spawn_key);
-        let join = |high: u64, low: u64| (u128::from(high) << 64) | u128::from(low);
-        Self(Pcg64::new(join(state_high, state_low), join(stream_high, stream_low)))
+        let increment = (join(stream_high, stream_low) << 1) | 1;
+        let mut rng = Self { state: join(state_high, state_low).wrapping_add(increment), increment };
+        rng.step();
+        rng
     }
 
-    /// 64 random bits.
+    fn step(&mut self) {
+        self.state = self.state.wrapping_mul(MULTIPLIER).wrapping_add(self.increment);
+    }
+
+    /// 64 random bits: both halves of the next state, mixed and rotated by its highest six bits.
     pub fn next_u64(&mut self) -> u64 {
-        self.0.next_u64()
+        self.step();
+        let mixed = (self.state >> 64) as u64 ^ self.state as u64;
+        mixed.rotate_right((self.state >> 122) as u32)
     }
 
     /// A uniform number in [0, 1) with 53 random bits, as NumPy draws it.
@@ -99,6 +94,10 @@ impl Rng {
         }
         (product >> 64) as u64
     }
+}
+
+fn join(high: u64, low: u64) -> u128 {
+    (u128::from(high) << 64) | u128::from(low)
 }
 
 /// NumPy's `SeedSequence(seed, spawn_key=spawn_key).generate_state(4, numpy.uint64)`.
