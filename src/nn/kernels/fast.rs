@@ -3,18 +3,12 @@
 
 use nalgebra::DMatrix;
 
-use super::instruction_set::{InstructionSet, Kind};
+use super::instruction_set::{InstructionSet, InstructionSetKind};
 use super::product::{
     ColumnBias, PACKED, Plain, Product, RowBias, TALLEST, WherePositive, load, store, strip_len, transpose,
 };
 use super::reference::AdamCoefficients;
-#[cfg(target_arch = "x86_64")]
-use super::vector::{Avx2, Avx512};
-use super::vector::{Scalar, Vector};
-#[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
-use super::wasm::RelaxedSimd;
-#[cfg(all(target_arch = "wasm32", target_feature = "simd128", not(target_feature = "relaxed-simd")))]
-use super::wasm::Simd128;
+use super::vector::Vector;
 
 /// Defines a kernel from one body that is generic in the vector: the body compiled for every instruction set, and the
 /// choice between them. The body may rely on it that the CPU has the vector's instruction set.
@@ -31,36 +25,38 @@ macro_rules! kernel {
             #[inline(always)]
             unsafe fn body<$vector: Vector>($($argument: $type),*) $(-> $result)? $body
 
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx2,fma")]
-            fn avx2($($argument: $type),*) $(-> $result)? {
-                // SAFETY: the caller of this function has AVX2 and FMA.
-                unsafe { body::<Avx2>($($argument),*) }
-            }
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx512f,avx2,fma")]
-            fn avx512($($argument: $type),*) $(-> $result)? {
-                // SAFETY: the caller of this function has AVX-512F.
-                unsafe { body::<Avx512>($($argument),*) }
-            }
-            match instruction_set.kind() {
-                // SAFETY: any CPU has what the scalar vector needs.
-                Kind::Scalar => unsafe { body::<Scalar>($($argument),*) },
-                // SAFETY: an `InstructionSet` is made only where the CPU has it.
-                #[cfg(target_arch = "x86_64")]
-                Kind::Avx2 => unsafe { avx2($($argument),*) },
-                // SAFETY: an `InstructionSet` is made only where the CPU has it.
-                #[cfg(target_arch = "x86_64")]
-                Kind::Avx512 => unsafe { avx512($($argument),*) },
-                // SAFETY: the whole program is compiled for `simd128`.
-                #[cfg(all(target_arch = "wasm32", target_feature = "simd128", not(target_feature = "relaxed-simd")))]
-                Kind::Simd128 => unsafe { body::<Simd128>($($argument),*) },
-                // SAFETY: the whole program is compiled for `relaxed-simd`.
-                #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
-                Kind::RelaxedSimd => unsafe { body::<RelaxedSimd>($($argument),*) },
-            }
+            instruction_sets! { dispatch! instruction_set.kind(), ($($argument: $type),*) [$(-> $result)?] }
         }
     };
+}
+
+/// Calls the body that was compiled for an instruction set.
+macro_rules! dispatch {
+    (
+        [$({ $kind:ident = $vector:ty, $cfg:meta $(, $features:tt)? })*]
+        $instruction_set:expr, $arguments:tt $result:tt
+    ) => {
+        match $instruction_set {
+            $(#[cfg($cfg)] InstructionSetKind::$kind => compiled! { $vector, [$($features)?] $arguments $result },)*
+        }
+    };
+}
+
+/// Compiles the body for an instruction set, and calls it.
+macro_rules! compiled {
+    (
+        $vector:ty, [$($features:tt)?] ($($argument:ident: $type:ty),*) [$(-> $result:ty)?]
+    ) => {{
+        /// # Safety
+        /// The CPU has the instruction set.
+        $(#[target_feature(enable = $features)])?
+        unsafe fn compiled($($argument: $type),*) $(-> $result)? {
+            // SAFETY: the caller vouches for the instruction set.
+            unsafe { body::<$vector>($($argument),*) }
+        }
+        // SAFETY: an `InstructionSet` is made only where the CPU has it.
+        unsafe { compiled($($argument),*) }
+    }};
 }
 
 /// Up to so many outputs are few for the gradient of a layer. The lanes then lie over the inputs.

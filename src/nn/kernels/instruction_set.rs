@@ -2,6 +2,24 @@
 
 use std::sync::OnceLock;
 
+use super::vector::Vector;
+
+/// Every instruction set, the slowest first: a name for [`InstructionSetKind`], the vector that computes with it, the targets that can have
+/// it, and what the compiler may use in its kernels. A new one is a file with its vector, a `mod` of that file, and a line here.
+macro_rules! instruction_sets {
+    ($then:ident! $($arguments:tt)*) => {
+        $then! {
+            [
+                { Scalar = super::scalar::Scalar, all() }
+                { Avx2 = super::avx2::Avx2, target_arch = "x86_64", "avx2,fma" }
+                { Avx512 = super::avx512::Avx512, target_arch = "x86_64", "avx512f,avx2,fma" }
+                { Wasm = super::wasm::Wasm, all(target_arch = "wasm32", target_feature = "simd128") }
+            ]
+            $($arguments)*
+        }
+    };
+}
+
 /// An instruction set that this CPU has. All instruction sets give the same bits.
 ///
 /// Only this type's functions make one, after they have looked whether the CPU has it. So a safe kernel that takes an
@@ -18,26 +36,7 @@ use std::sync::OnceLock;
 /// let instruction_set: InstructionSet = InstructionSet(todo!());
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct InstructionSet(Kind);
-
-/// What an [`InstructionSet`] is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// Any CPU.
-    Scalar,
-    /// x86-64 with AVX2 and FMA.
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    /// x86-64 with AVX-512F, AVX2 and FMA.
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-    /// WebAssembly with 128-bit vectors.
-    #[cfg(all(target_arch = "wasm32", target_feature = "simd128", not(target_feature = "relaxed-simd")))]
-    Simd128,
-    /// WebAssembly with relaxed vectors, whose multiply-add fuses here.
-    #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
-    RelaxedSimd,
-}
+pub struct InstructionSet(InstructionSetKind);
 
 /// `CARTPOLE_DQN_SIMD` names an instruction set that this CPU does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -52,7 +51,7 @@ fn names(instruction_sets: &[InstructionSet]) -> String {
 
 impl InstructionSet {
     /// What every CPU can run.
-    pub const SCALAR: Self = Self(Kind::Scalar);
+    pub const SCALAR: Self = Self(InstructionSetKind::Scalar);
 
     /// The environment variable that names the instruction set to run on, for tests and comparisons.
     pub const VARIABLE: &str = "CARTPOLE_DQN_SIMD";
@@ -77,50 +76,40 @@ impl InstructionSet {
         available.into_iter().find(|set| set.name() == asked).ok_or(UnknownInstructionSet { asked })
     }
 
-    /// All instruction sets that this CPU has, the fastest first.
-    pub fn available() -> Vec<Self> {
-        let mut available = vec![Self::SCALAR];
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            available.push(Self(Kind::Avx2));
-            if is_x86_feature_detected!("avx512f") {
-                available.push(Self(Kind::Avx512));
-            }
-        }
-        #[cfg(all(
-            target_arch = "wasm32",
-            target_feature = "simd128",
-            not(target_feature = "relaxed-simd")
-        ))]
-        available.push(Self(Kind::Simd128));
-        #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
-        if super::wasm::RelaxedSimd::is_fused() {
-            available.push(Self(Kind::RelaxedSimd));
-        }
-        available.reverse();
-        available
-    }
-
-    /// Its name in [`Self::VARIABLE`].
-    pub fn name(self) -> &'static str {
-        match self.0 {
-            Kind::Scalar => "scalar",
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => "avx2",
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => "avx512",
-            #[cfg(all(
-                target_arch = "wasm32",
-                target_feature = "simd128",
-                not(target_feature = "relaxed-simd")
-            ))]
-            Kind::Simd128 => "simd128",
-            #[cfg(all(target_arch = "wasm32", target_feature = "relaxed-simd"))]
-            Kind::RelaxedSimd => "relaxed-simd",
-        }
-    }
-
-    pub(super) fn kind(self) -> Kind {
+    pub(super) fn kind(self) -> InstructionSetKind {
         self.0
     }
 }
+
+macro_rules! declare {
+    ([$({ $kind:ident = $vector:ty, $cfg:meta $(, $features:tt)? })*]) => {
+        /// What an [`InstructionSet`] is.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum InstructionSetKind {
+            $(#[cfg($cfg)] $kind,)*
+        }
+
+        impl InstructionSet {
+            /// All instruction sets that this CPU has, the fastest first.
+            pub fn available() -> Vec<Self> {
+                let mut available = Vec::new();
+                $(
+                    #[cfg($cfg)]
+                    if <$vector as Vector>::is_available() {
+                        available.push(Self(InstructionSetKind::$kind));
+                    }
+                )*
+                available.reverse();
+                available
+            }
+
+            /// Its name in [`Self::VARIABLE`].
+            pub fn name(self) -> &'static str {
+                match self.0 {
+                    $(#[cfg($cfg)] InstructionSetKind::$kind => <$vector as Vector>::NAME,)*
+                }
+            }
+        }
+    };
+}
+instruction_sets! { declare! }

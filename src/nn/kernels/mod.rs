@@ -12,13 +12,23 @@
 //! computes a hundred times slower. So a moment whose magnitude is below 2⁻¹²⁶ becomes 0 (2⁻¹⁰²² in f64). That is the
 //! smallest normal number, far below everything that moves a weight.
 
+#[macro_use]
+mod instruction_set;
+
+#[allow(unsafe_code)]
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[allow(unsafe_code)]
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 #[allow(unsafe_code)]
 pub mod fast;
 mod float;
-mod instruction_set;
 #[allow(unsafe_code)]
 mod product;
 pub mod reference;
+#[allow(unsafe_code)]
+mod scalar;
 #[allow(unsafe_code)]
 mod vector;
 #[allow(unsafe_code)]

@@ -108,6 +108,11 @@ impl Simd128 {
 // SAFETY: this module exists only where the whole program is compiled for `simd128`. Loads and stores touch the numbers
 // that the trait names.
 unsafe impl Vector for Simd128 {
+    const NAME: &'static str = "simd128";
+    fn is_available() -> bool {
+        true
+    }
+
     const LANES: usize = 4;
     const REGISTERS: usize = 7;
 
@@ -196,7 +201,7 @@ mod relaxed {
 
     impl RelaxedSimd {
         /// Whether the multiply-add fuses. An engine decides that once, for all its multiply-adds.
-        pub(in super::super) fn is_fused() -> bool {
+        fn is_fused() -> bool {
             let factor = f32x4_splat(std::hint::black_box(1.0 + 1.0 / 4096.0));
             let summand = f32x4_splat(std::hint::black_box(-(1.0 + 1.0 / 2048.0)));
             // The square's last bit is lost if it is rounded.
@@ -208,6 +213,11 @@ mod relaxed {
     // SAFETY: this module exists only where the whole program is compiled for `simd128` and `relaxed-simd`. Loads and
     // stores touch the numbers that the trait names.
     unsafe impl Vector for RelaxedSimd {
+        const NAME: &'static str = "relaxed-simd";
+        fn is_available() -> bool {
+            Self::is_fused()
+        }
+
         const LANES: usize = 4;
         const REGISTERS: usize = 15;
 
@@ -275,5 +285,8 @@ mod relaxed {
     }
 }
 
+/// What a module computes with.
+#[cfg(not(target_feature = "relaxed-simd"))]
+pub(super) type Wasm = Simd128;
 #[cfg(target_feature = "relaxed-simd")]
-pub(super) use relaxed::RelaxedSimd;
+pub(super) type Wasm = relaxed::RelaxedSimd;

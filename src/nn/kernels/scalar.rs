@@ -1,0 +1,83 @@
+//! Vectors of f32 on any CPU.
+
+use super::float::{Float, mul_add_in_f64};
+use super::vector::Vector;
+
+/// 16 numbers, computed one after another, on any CPU.
+#[derive(Clone, Copy)]
+pub(super) struct Scalar([f32; 16]);
+
+// SAFETY: any CPU can run this, and loads and stores touch the numbers that the trait names.
+unsafe impl Vector for Scalar {
+    const NAME: &'static str = "scalar";
+    fn is_available() -> bool {
+        true
+    }
+
+    const LANES: usize = 16;
+    // In WebAssembly tiles of one row: taller ones are no faster there, and several times the code.
+    const REGISTERS: usize = if cfg!(target_arch = "wasm32") { 1 } else { 7 };
+
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        Self([value; 16])
+    }
+    #[inline(always)]
+    unsafe fn load(source: *const f32) -> Self {
+        // SAFETY: `source` is valid for 16 reads, and an array of f32 is aligned as an f32 is.
+        Self(unsafe { source.cast::<[f32; 16]>().read() })
+    }
+    #[inline(always)]
+    unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
+        let mut values = [0.0; 16];
+        // SAFETY: `source` is valid for `lanes` reads, and `lanes` is below 16.
+        unsafe { source.copy_to_nonoverlapping(values.as_mut_ptr(), lanes) }
+        Self(values)
+    }
+    #[inline(always)]
+    unsafe fn store(self, target: *mut f32) {
+        // SAFETY: `target` is valid for 16 writes, and an array of f32 is aligned as an f32 is.
+        unsafe { target.cast::<[f32; 16]>().write(self.0) }
+    }
+    #[inline(always)]
+    unsafe fn store_part(self, target: *mut f32, lanes: usize) {
+        // SAFETY: `target` is valid for `lanes` writes, and `lanes` is below 16.
+        unsafe { self.0.as_ptr().copy_to_nonoverlapping(target, lanes) }
+    }
+    #[inline(always)]
+    fn mul(self, factor: Self) -> Self {
+        Self(std::array::from_fn(|lane| self.0[lane] * factor.0[lane]))
+    }
+    #[inline(always)]
+    fn div(self, divisor: Self) -> Self {
+        Self(std::array::from_fn(|lane| self.0[lane] / divisor.0[lane]))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f32::sqrt))
+    }
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        let mul_add = if cfg!(target_arch = "wasm32") { mul_add_in_f64 } else { f32::mul_add };
+        Self(std::array::from_fn(|lane| mul_add(self.0[lane], factor.0[lane], summand.0[lane])))
+    }
+    #[inline(always)]
+    fn relu(self) -> Self {
+        Self(self.0.map(|value| if value < 0.0 { 0.0 } else { value }))
+    }
+    #[inline(always)]
+    fn flush(self) -> Self {
+        Self(self.0.map(Float::flush))
+    }
+    #[inline(always)]
+    fn positive_then(self, value: Self) -> Self {
+        Self(std::array::from_fn(|lane| if self.0[lane] > 0.0 { value.0[lane] } else { 0.0 }))
+    }
+
+    const BLOCK: usize = 1;
+    #[inline(always)]
+    unsafe fn transpose_block(from: *const f32, _: usize, to: *mut f32, _: usize) {
+        // SAFETY: a square of one number is read and written.
+        unsafe { *to = *from }
+    }
+}
