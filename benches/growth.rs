@@ -39,7 +39,7 @@ impl Point {
     fn print(&self) {
         let Self { series, hidden, batch, agent, seconds } = self;
         let (width, depth, flop) = (hidden[0], hidden.len(), flop(hidden, *batch));
-        let parameters = agent.online.parameters().len();
+        let parameters = agent.online.mlp.parameters().len();
         println!("{series},{width},{depth},{batch},{flop},{parameters},{:.3}", seconds * 1e6);
     }
 }

@@ -189,7 +189,7 @@ mod kernels {
 fn agent() -> Dqn {
     let sets =
         ["network.hidden=[24,24]".into(), "exploration.initial=0".into(), "exploration.final=0".into()];
-    Dqn::new(Config::from_layers(None, &sets).unwrap().agent.into_dqn().unwrap(), 4, 2, None, 0)
+    Dqn::new(Config::from_layers(None, &sets).unwrap().agent.as_dqn().unwrap().clone(), 4, 2, None, 0)
 }
 
 const OBSERVATION: [f32; 4] = [0.3, -0.4, 0.05, 0.2];
@@ -202,7 +202,7 @@ fn naive_q_values(network: &Mlp<f32>) -> [f32; 2] {
 /// One observation through 4-24-24-2.
 #[divan::bench]
 fn forward(bencher: Bencher) {
-    let network = agent().online;
+    let network = agent().online.mlp;
     let mut activations = Activations::new(network.sizes(), 1);
     let mut run = || {
         activations.input_mut().as_mut_slice().copy_from_slice(&black_box(OBSERVATION));
@@ -218,7 +218,7 @@ fn forward(bencher: Bencher) {
 fn act(bencher: Bencher) {
     let mut agent = agent();
     let action = agent.act(&OBSERVATION);
-    let expected = naive_q_values(&agent.online);
+    let expected = naive_q_values(&agent.online.mlp);
     assert_eq!(action, usize::from(expected[1] > expected[0]));
     bencher.bench_local(|| agent.act(&black_box(OBSERVATION)));
 }

@@ -11,7 +11,7 @@ fn main() {
     let config = Config::from_layers(Some(("fast.json", include_str!("../configs/fast.json"))), &[]).unwrap();
     let mut environment = CartPole::v1();
     let mirror = environment.spec().mirror.clone();
-    let mut agent = Dqn::new(config.agent.into_dqn().unwrap(), 4, 2, mirror.as_ref(), config.seed);
+    let mut agent = Dqn::new(config.agent.as_dqn().unwrap().clone(), 4, 2, mirror.as_ref(), config.seed);
     let mut rng = Rng::spawn(config.seed, Stream::Environment);
 
     let (mut observation, mut next_observation) = ([0.0; 4], [0.0; 4]);

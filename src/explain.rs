@@ -1,6 +1,6 @@
 //! One update of a training run, with everything that went into it and came of it.
 
-use crate::agent::{Dqn, DqnConfig, Minibatch, NotFinite, TargetUpdate, UpdateMode};
+use crate::agent::{Dqn, DqnConfig, Minibatch, NotFinite, TargetUpdate};
 use crate::check::{Settings, Writer};
 use crate::config::Config;
 use crate::env::EnvironmentError;
@@ -69,11 +69,8 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
     }
     let dqn = config.agent.as_dqn().ok_or(NoLesson::NoDqn)?;
     let samples = dqn.replay.batch_size;
-    let (batch_size, batches) = match dqn.replay.update {
-        UpdateMode::Minibatch => (samples, 1),
-        UpdateMode::PerSample => (1, samples as u64),
-    };
-    let updates_of_a_step = u64::from(dqn.learn.updates).saturating_mul(batches);
+    let update_size = dqn.replay.update_size();
+    let updates_of_a_step = u64::from(dqn.learn.updates).saturating_mul((samples / update_size) as u64);
     let mut trainer = unevaluated.make_trainer()?;
     while trainer.end_reason().is_none() {
         let before = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?;
@@ -96,7 +93,7 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
         let mut ages = vec![0; samples];
         loop {
             agent.replay.sample(&mut agent.replay_rng, &mut ages);
-            for ages in ages.chunks_exact(batch_size) {
+            for ages in ages.chunks_exact(update_size) {
                 let before = (agent.adam.steps + 1 == number).then(|| agent.clone());
                 let loss = agent.update(ages)?;
                 if let Some(before) = before {
@@ -122,8 +119,8 @@ impl Lesson {
             config: dqn.clone(),
             env_steps: progress.0,
             episodes: progress.1,
-            minibatch,
-            targets,
+            minibatch: minibatch.clone(),
+            targets: targets.to_vec(),
             gradient: gradient.clone(),
             loss,
             before,
@@ -133,7 +130,7 @@ impl Lesson {
 
     /// The network that values the next observations.
     pub fn target(&self) -> &Mlp<f32> {
-        if self.has_target() { &self.before.target } else { &self.before.online }
+        if self.has_target() { &self.before.target.mlp } else { &self.before.online.mlp }
     }
 
     /// Whether that is another one than the one that learns.
@@ -160,14 +157,14 @@ impl Lesson {
     /// The tensors of the file that `cartpole-dqn check` reads.
     pub fn tensors(&self) -> Writer {
         let mut file = Writer::default();
-        file.put_network("online.", &self.before.online);
+        file.put_network("online.", &self.before.online.mlp);
         if self.has_target() {
-            file.put_network("target.", &self.before.target);
+            file.put_network("target.", &self.before.target.mlp);
         }
         let adam = &self.before.adam;
         if adam.steps > 0 {
             let moments = |values: &[f32]| {
-                let mut network = self.before.online.clone();
+                let mut network = self.before.online.mlp.clone();
                 network.parameters_mut().copy_from_slice(values);
                 network
             };
@@ -188,7 +185,7 @@ impl Lesson {
         file.put("result.targets", &[batch], &self.targets);
         file.put("result.loss", &[1], &[self.loss]);
         file.put_network("result.gradients.", &self.gradient);
-        file.put_network("result.online.", &self.after.online);
+        file.put_network("result.online.", &self.after.online.mlp);
         file
     }
 }

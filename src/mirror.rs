@@ -32,11 +32,6 @@ impl Mirror {
         self.observation.iter().map(|&(from, factor)| factor * observation[from]).collect()
     }
 
-    /// Whether every coordinate of an image is one of the original, or its negative.
-    pub fn is_isometric(&self) -> bool {
-        self.observation.iter().all(|(_, factor)| factor.abs() == 1.0)
-    }
-
     /// The same mirror for observations whose coordinates have been divided by `divisors`.
     pub fn of_divided(&self, divisors: &[f32]) -> Self {
         let mut mirror = self.clone();

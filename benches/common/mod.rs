@@ -21,7 +21,7 @@ pub fn agent(hidden: &[usize], batch: usize) -> Dqn {
         format!("replay.capacity={CAPACITY}"),
     ];
     let mut agent =
-        Dqn::new(Config::from_layers(None, &sets).unwrap().agent.into_dqn().unwrap(), 4, 2, None, 0);
+        Dqn::new(Config::from_layers(None, &sets).unwrap().agent.as_dqn().unwrap().clone(), 4, 2, None, 0);
     let mut rng = Rng::from_seed(1);
     let mut observation = [0.0; 4];
     for step in 0..5 * CAPACITY {
@@ -47,9 +47,9 @@ fn check(agent: &mut Dqn, batch: usize) {
     agent.replay.gather(&ages, 1, 0.99, &mut minibatch);
     let Minibatch { observations, actions, rewards, discounts, next_observations, terminated, .. } =
         minibatch;
-    let (mut online, mut adam) = (agent.online.clone(), agent.adam.clone());
+    let (mut online, mut adam) = (agent.online.mlp.clone(), agent.adam.clone());
     let mut targets = vec![0.0; batch];
-    let next = naive_forward(&agent.target, next_observations);
+    let next = naive_forward(&agent.target.mlp, next_observations);
     td::targets(&discounts, &rewards, &terminated, &next[next.len() - 1], &mut targets);
     let layers = naive_forward(&online, observations);
     let mut dy = DMatrix::zeros(batch, 2);
@@ -65,7 +65,7 @@ fn check(agent: &mut Dqn, batch: usize) {
     adam.step(online.parameters_mut(), gradient.parameters());
     assert_eq!(agent.learn().unwrap().to_bits(), loss.to_bits(), "not the reference's loss");
     let bits = |mlp: &Mlp<f32>| mlp.parameters().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-    assert!(bits(&agent.online) == bits(&online), "not the reference's weights");
+    assert!(bits(&agent.online.mlp) == bits(&online), "not the reference's weights");
 }
 
 /// The outputs of all layers, the input first.

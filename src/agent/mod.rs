@@ -4,6 +4,7 @@ mod dqn;
 mod exploration;
 mod policy;
 mod q_learning;
+mod q_network;
 mod q_table;
 mod random;
 mod replay;
@@ -24,6 +25,7 @@ pub use dqn::{Dqn, DqnConfig, LearnConfig};
 pub use exploration::{EpsilonGreedy, Exploration};
 pub use policy::{Actor, Greedy, Policy};
 pub use q_learning::{Bins, QLearning, QTableConfig, TableConfig};
+pub use q_network::QNetwork;
 pub use q_table::QTable;
 pub use random::Random;
 pub use replay::{Minibatch, Replay, ReplayConfig, ReplayContents, Transition, UpdateMode};
@@ -56,16 +58,6 @@ impl AgentConfig {
 
     /// The settings of a [`Dqn`].
     pub fn as_dqn(&self) -> Option<&DqnConfig> {
-        if let Self::Dqn(config) = self { Some(config) } else { None }
-    }
-
-    /// As `as_dqn`, to be changed.
-    pub fn as_dqn_mut(&mut self) -> Option<&mut DqnConfig> {
-        if let Self::Dqn(config) = self { Some(config) } else { None }
-    }
-
-    /// As `as_dqn`, by value.
-    pub fn into_dqn(self) -> Option<DqnConfig> {
         if let Self::Dqn(config) = self { Some(config) } else { None }
     }
 
@@ -145,11 +137,6 @@ impl dyn Agent {
     /// The agent, if it is a [`Dqn`].
     pub fn as_dqn(&self) -> Option<&Dqn> {
         (self as &dyn Any).downcast_ref()
-    }
-
-    /// As `as_dqn`, to be changed.
-    pub fn as_dqn_mut(&mut self) -> Option<&mut Dqn> {
-        (self as &mut dyn Any).downcast_mut()
     }
 }
 

@@ -97,13 +97,13 @@ pub trait Actor {
 /// A policy that takes the action with the largest Q-value, for a batch of observations at once.
 #[derive(Clone, Debug)]
 pub struct Greedy {
-    batch: Batch,
+    batch: BatchedQ,
     reward_scale: f64,
 }
 
 /// What gives the Q-values, and the Q-values, (batch, actions).
 #[derive(Clone, Debug)]
-enum Batch {
+enum BatchedQ {
     Network(Mlp<f32>, Activations<f32>),
     Table(QTable, DMatrix<f32>),
 }
@@ -114,11 +114,11 @@ impl Greedy {
         let batch = match policy {
             Policy::Network(network) => {
                 let activations = Activations::new(network.sizes(), batch);
-                Batch::Network(network, activations)
+                BatchedQ::Network(network, activations)
             }
             Policy::Table(table) => {
                 let q = DMatrix::zeros(batch, table.num_actions());
-                Batch::Table(table, q)
+                BatchedQ::Table(table, q)
             }
         };
         Self { batch, reward_scale: 1.0 }
@@ -126,8 +126,8 @@ impl Greedy {
 
     fn q(&self) -> &DMatrix<f32> {
         match &self.batch {
-            Batch::Network(_, activations) => activations.output(),
-            Batch::Table(_, q) => q,
+            BatchedQ::Network(_, activations) => activations.output(),
+            BatchedQ::Table(_, q) => q,
         }
     }
 
@@ -147,8 +147,8 @@ impl Greedy {
     pub fn forward_batch<'a>(&mut self, observations: impl Iterator<Item = &'a [f32]>) {
         let size = self.batch();
         match &mut self.batch {
-            Batch::Table(table, q) => table.forward(observations, q),
-            Batch::Network(network, activations) => {
+            BatchedQ::Table(table, q) => table.forward(observations, q),
+            BatchedQ::Network(network, activations) => {
                 let input = activations.input_mut().as_mut_slice();
                 for (sample, observation) in observations.enumerate() {
                     for (value, &feature) in input[sample..].iter_mut().step_by(size).zip(observation) {

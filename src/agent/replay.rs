@@ -28,6 +28,16 @@ pub struct ReplayConfig {
     pub mirror: bool,
 }
 
+impl ReplayConfig {
+    /// Transitions in one update.
+    pub fn update_size(&self) -> usize {
+        match self.update {
+            UpdateMode::Minibatch => self.batch_size,
+            UpdateMode::PerSample => 1,
+        }
+    }
+}
+
 /// How a minibatch is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -85,9 +95,7 @@ impl Minibatch {
             terminated: vec![false; batch_size],
         }
     }
-}
 
-impl Minibatch {
     /// Replaces every sample by its mirror image with probability ½; `row` is scratch.
     pub fn reflect_half(&mut self, mirror: &Mirror, rng: &mut Rng, row: &mut Vec<f32>) {
         for sample in 0..self.actions.len() {
@@ -95,21 +103,6 @@ impl Minibatch {
                 self.reflect(sample, mirror, row);
             }
         }
-    }
-
-    /// Adds the mirror image of every sample.
-    pub fn append_images(&mut self, mirror: &Mirror) {
-        let batch = self.actions.len();
-        for observations in [&mut self.observations, &mut self.next_observations] {
-            *observations = DMatrix::from_fn(2 * batch, observations.ncols(), |sample, feature| {
-                observations[(sample % batch, feature)]
-            });
-        }
-        self.actions.extend_from_within(..);
-        self.rewards.extend_from_within(..);
-        self.discounts.extend_from_within(..);
-        self.terminated.extend_from_within(..);
-        (batch..2 * batch).for_each(|sample| self.reflect(sample, mirror, &mut Vec::new()));
     }
 
     /// Replaces a sample by its mirror image; `row` is scratch.
@@ -132,7 +125,7 @@ impl Minibatch {
 /// How the episode went on after a transition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-enum End {
+enum EpisodeEnd {
     Continues,
     Truncated,
     Terminated,
@@ -188,7 +181,7 @@ pub struct Replay {
     observations: Vec<f32>,
     actions: Vec<u8>,
     rewards: Vec<f32>,
-    ends: Vec<End>,
+    ends: Vec<EpisodeEnd>,
     /// The slots whose transition ended an episode, the oldest first, and the observations it ended with.
     final_slots: Vec<u32>,
     final_observations: Vec<f32>,
@@ -211,7 +204,7 @@ impl Replay {
             observations: vec![0.0; slots * observation_size],
             actions: vec![0; slots],
             rewards: vec![0.0; slots],
-            ends: vec![End::Continues; slots],
+            ends: vec![EpisodeEnd::Continues; slots],
             final_slots: Vec::new(),
             final_observations: Vec::new(),
             forgotten_finals: 0,
@@ -233,7 +226,7 @@ impl Replay {
 
     /// How many of them end in termination.
     pub fn terminal_transitions(&self) -> usize {
-        (0..self.len).filter(|&age| self.ends[self.slot(age)] == End::Terminated).count()
+        (0..self.len).filter(|&age| self.ends[self.slot(age)] == EpisodeEnd::Terminated).count()
     }
 
     /// Remembers a transition and forgets the oldest if the memory is full.
@@ -249,11 +242,11 @@ impl Replay {
         self.rewards[slot] = transition.reward;
         self.observation_mut(slot).copy_from_slice(transition.observation);
         self.ends[slot] = match (transition.terminated, transition.truncated) {
-            (true, _) => End::Terminated,
-            (false, true) => End::Truncated,
-            (false, false) => End::Continues,
+            (true, _) => EpisodeEnd::Terminated,
+            (false, true) => EpisodeEnd::Truncated,
+            (false, false) => EpisodeEnd::Continues,
         };
-        if self.ends[slot] == End::Continues {
+        if self.ends[slot] == EpisodeEnd::Continues {
             let following = self.following(slot);
             self.observation_mut(following).copy_from_slice(transition.next_observation);
         } else {
@@ -320,7 +313,7 @@ impl Replay {
             let first = self.slot(age);
             let (mut last, mut reward, mut discount) = (first, self.rewards[first], gamma);
             for _ in 1..n_step.min(self.len - age) {
-                if self.ends[last] != End::Continues {
+                if self.ends[last] != EpisodeEnd::Continues {
                     break;
                 }
                 last = self.following(last);
@@ -330,7 +323,7 @@ impl Replay {
             minibatch.actions[sample] = self.actions[first];
             minibatch.rewards[sample] = reward;
             minibatch.discounts[sample] = discount;
-            minibatch.terminated[sample] = self.ends[last] == End::Terminated;
+            minibatch.terminated[sample] = self.ends[last] == EpisodeEnd::Terminated;
             let values = self.observation(first).iter().zip(self.next_observation(last));
             for (feature, (&value, &next_value)) in values.enumerate() {
                 observations[feature * batch + sample] = value;
@@ -348,7 +341,7 @@ impl Replay {
             contents.actions.push(self.actions[slot]);
             contents.rewards.push(self.rewards[slot]);
             contents.ends.push(self.ends[slot] as u8);
-            if self.ends[slot] != End::Continues || age + 1 == self.len {
+            if self.ends[slot] != EpisodeEnd::Continues || age + 1 == self.len {
                 contents.next_observations.extend(self.next_observation(slot));
             }
         }
@@ -363,13 +356,13 @@ impl Replay {
         let fits = len <= self.capacity
             && (observations.len(), rewards.len(), ends.len()) == (len * size, len, len)
             && actions.iter().all(|&action| usize::from(action) < num_actions)
-            && ends.iter().all(|&end| end <= End::Terminated as u8);
+            && ends.iter().all(|&end| end <= EpisodeEnd::Terminated as u8);
         if !fits {
             return false;
         }
         let mut nexts = next_observations.chunks_exact(size);
         for age in 0..len {
-            let continues = ends[age] == End::Continues as u8 && age + 1 < len;
+            let continues = ends[age] == EpisodeEnd::Continues as u8 && age + 1 < len;
             let following = if continues { observations.get((age + 1) * size..) } else { nexts.next() };
             let Some(next_observation) = following.and_then(|following| following.get(..size)) else {
                 return false;
@@ -379,8 +372,8 @@ impl Replay {
                 action: usize::from(actions[age]),
                 reward: rewards[age],
                 next_observation,
-                terminated: ends[age] == End::Terminated as u8,
-                truncated: ends[age] == End::Truncated as u8,
+                terminated: ends[age] == EpisodeEnd::Terminated as u8,
+                truncated: ends[age] == EpisodeEnd::Truncated as u8,
             });
         }
         nexts.next().is_none() && nexts.remainder().is_empty()
@@ -409,7 +402,7 @@ impl Replay {
 
     #[inline(always)]
     fn next_observation(&self, slot: usize) -> &[f32] {
-        if self.ends[slot] == End::Continues {
+        if self.ends[slot] == EpisodeEnd::Continues {
             return self.observation(self.following(slot));
         }
         let age = self.age(slot);

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::nn::{Activations, Mlp};
+use crate::nn::{Activations, Mlp, norm};
 
 /// Observations on which a policy is asked for its Q-values, the same ones during a whole run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -103,7 +103,7 @@ impl<'de> Deserialize<'de> for NamedNumbers {
 }
 
 /// What a Q-network's statistics are taken from.
-pub(super) struct Inside<'a> {
+pub(super) struct NetworkStatistics<'a> {
     pub(super) network: &'a Mlp<f32>,
     pub(super) reward_scale: f64,
     /// Share of the transitions in the replay memory that terminated.
@@ -117,8 +117,8 @@ pub(super) struct Inside<'a> {
 /// Transitions that gradient and TD errors are taken over, if there are as many.
 pub(super) const TRANSITIONS: usize = 256;
 
-impl Inside<'_> {
-    pub(super) fn statistics(mut self, probes: &Probes, played: &[Played]) -> NamedNumbers {
+impl NetworkStatistics<'_> {
+    pub(super) fn numbers(mut self, probes: &Probes, played: &[Played]) -> NamedNumbers {
         let scale = self.reward_scale;
         self.td_errors.sort_by(f64::total_cmp);
         let quantile = |share: f64| self.td_errors[((self.td_errors.len() - 1) as f64 * share) as usize];
@@ -126,14 +126,13 @@ impl Inside<'_> {
         let doomed = forward(self.network, &probes.doomed);
         let [overestimation, max_q, action_gap, doomed_max_q] =
             value_statistics(ordinary.output(), doomed.output(), scale, played);
-        let squares = self.gradient.parameters().iter().map(|&g| f64::from(g) * f64::from(g));
         NamedNumbers::new([
             overestimation,
             ("terminal_share", self.terminal_share),
             max_q,
             action_gap,
             doomed_max_q,
-            ("gradient_norm", squares.sum::<f64>().sqrt()),
+            ("gradient_norm", norm(self.gradient.parameters())),
             ("td_error_q10", quantile(0.1)),
             ("td_error_q50", quantile(0.5)),
             ("td_error_q90", quantile(0.9)),

@@ -12,7 +12,7 @@ use super::permission::ask_task;
 use super::ui::{Failure, print};
 use crate::check::START;
 use crate::explain::{Lesson, NoLesson, lesson};
-use crate::nn::{Activations, Loss, Mlp};
+use crate::nn::{Activations, Loss, Mlp, norm};
 
 /// Transitions that are shown without --all.
 const SHOWN: usize = 3;
@@ -99,10 +99,10 @@ impl Values {
     fn of(lesson: &Lesson) -> Self {
         let (s, next) = (&lesson.minibatch.observations, &lesson.minibatch.next_observations);
         Self {
-            current: q_values(&lesson.before.online, s),
-            next: q_values(&lesson.before.online, next),
+            current: q_values(&lesson.before.online.mlp, s),
+            next: q_values(&lesson.before.online.mlp, next),
             target_of_next: q_values(lesson.target(), next),
-            after: q_values(&lesson.after.online, s),
+            after: q_values(&lesson.after.online.mlp, s),
         }
     }
 
@@ -120,7 +120,7 @@ fn q_values(network: &Mlp<f32>, observations: &DMatrix<f32>) -> DMatrix<f32> {
 
 fn head(text: &mut String, lesson: &Lesson, update: u64) -> std::fmt::Result {
     let config = &lesson.config;
-    let sizes: Vec<_> = lesson.before.online.sizes().iter().map(ToString::to_string).collect();
+    let sizes: Vec<_> = lesson.before.online.mlp.sizes().iter().map(ToString::to_string).collect();
     let target =
         if lesson.has_target() { "Q⁻ is the target network's" } else { "no target network: Q⁻ is Q" };
     writeln!(text, "update     {update}, seed {}", lesson.seed)?;
@@ -129,15 +129,8 @@ fn head(text: &mut String, lesson: &Lesson, update: u64) -> std::fmt::Result {
     if config.observation_divisors.is_some() || config.reward_scale != 1.0 {
         writeln!(text, "scales     observations and rewards are shown as the network gets them: scaled")?;
     }
-    let (samples, images) = match lesson.targets.len() {
-        both if config.network.symmetric => (both / 2, ", and their mirror images"),
-        samples => (samples, ""),
-    };
-    writeln!(
-        text,
-        "minibatch  {samples} of the {} transitions remembered{images}",
-        lesson.before.replay.len()
-    )
+    let (samples, remembered) = (lesson.targets.len(), lesson.before.replay.len());
+    writeln!(text, "minibatch  {samples} of the {remembered} transitions remembered")
 }
 
 fn transition(text: &mut String, lesson: &Lesson, q: &Values, sample: usize) -> std::fmt::Result {
@@ -182,22 +175,29 @@ fn step(text: &mut String, lesson: &Lesson) -> std::fmt::Result {
     let (before, after) = (&lesson.before, &lesson.after);
     writeln!(text, "\nloss       {}, the mean of {}", number(lesson.loss), lesson.targets.len())?;
     let whole = norm(lesson.gradient.parameters());
-    let is_shortened = lesson.config.optimizer.max_gradient_norm.filter(|max| f64::from(whole) > max * 0.999);
+    let is_shortened = lesson.config.optimizer.max_gradient_norm.filter(|max| whole > max * 0.999);
     let shortened =
         is_shortened.map_or(String::new(), |max| format!(", shortened to max_gradient_norm {max}"));
-    writeln!(text, "gradient   norm {}{shortened}", number(whole))?;
-    let moved: Vec<f32> =
-        after.online.parameters().iter().zip(before.online.parameters()).map(|(a, b)| a - b).collect();
+    writeln!(text, "gradient   norm {}{shortened}", number(whole as f32))?;
+    let moved: Vec<f32> = after
+        .online
+        .mlp
+        .parameters()
+        .iter()
+        .zip(before.online.mlp.parameters())
+        .map(|(a, b)| a - b)
+        .collect();
+    let length_of = |values: &[f32]| number(norm(values) as f32);
     let mut start = 0;
-    for layer in 0..before.online.num_layers() {
-        let length = before.online.layer(layer).len();
+    for layer in 0..before.online.mlp.num_layers() {
+        let length = before.online.mlp.layer(layer).len();
         writeln!(
             text,
             "     layer {}: norms: gradient {}, step {}, weights {}",
             layer + 1,
-            number(norm(lesson.gradient.layer(layer))),
-            number(norm(&moved[start..start + length])),
-            number(norm(before.online.layer(layer)))
+            length_of(lesson.gradient.layer(layer)),
+            length_of(&moved[start..start + length]),
+            length_of(before.online.mlp.layer(layer))
         )?;
         start += length;
     }
@@ -223,10 +223,6 @@ fn afterwards(text: &mut String, lesson: &Lesson, q: &Values, sample: usize) -> 
         number(q.error_after(lesson, sample)),
         number(before)
     )
-}
-
-fn norm(values: &[f32]) -> f32 {
-    values.iter().map(|value| value * value).sum::<f32>().sqrt()
 }
 
 /// A row as (1, 0.5, …).

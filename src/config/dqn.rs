@@ -2,14 +2,62 @@
 
 use serde_json::json;
 
+use super::keys::SCALE;
 use super::layer::invalid;
-use super::{Config, ConfigError, MAX_MEMORY};
+use super::{AgentMemory, AgentRules, Config, ConfigError, MAX_MEMORY};
 use crate::agent::{DqnConfig, PolicyWeights, ReplayConfig, TargetUpdate};
-use crate::nn::Symmetry;
+use crate::env::Spec;
 use crate::trainer::Budget;
 
-/// Checks the rules that concern several keys of a DQN.
-pub(super) fn check(config: &Config, dqn: &DqnConfig, origin: &str) -> Result<(), ConfigError> {
+impl AgentRules for DqnConfig {
+    fn check(&self, config: &Config, origin: &str) -> Result<(), ConfigError> {
+        check(config, self, origin)
+    }
+
+    fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
+        let size = task.observation_size;
+        match &self.observation_divisors {
+            Some(divisors) if divisors.len() != size => {
+                let allowed = format!(
+                    "null or a list with {SCALE} for each of the {size} observation coordinates of {}; each task has a config \
+                     of its own in configs/",
+                    task.id
+                );
+                Err(invalid(origin, "observation_divisors", &json!(divisors), allowed))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn mirrored(&self) -> Option<&'static str> {
+        self.replay.mirror.then_some("replay.mirror")
+    }
+
+    fn memory(&self, observation_size: usize, num_actions: usize) -> AgentMemory {
+        let sizes = self.network.sizes(observation_size, num_actions);
+        let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
+        let units: usize = sizes.iter().sum();
+        let transition = 4 * observation_size as u64 + 8;
+        AgentMemory {
+            replay: transition * self.replay.capacity as u64,
+            transition,
+            learned: 32 * parameters as u64,
+            batch: 16 * (self.replay.batch_size * units) as u64,
+        }
+    }
+
+    fn sizes(&self) -> String {
+        let Self { network, replay, .. } = self;
+        format!(
+            "`replay.capacity` {}, `replay.batch_size` {} and `network.hidden` {:?}",
+            replay.capacity, replay.batch_size, network.hidden
+        )
+    }
+}
+
+fn check(config: &Config, dqn: &DqnConfig, origin: &str) -> Result<(), ConfigError> {
+    let AgentMemory { replay, learned, batch, .. } = config.memory();
+    let memory = replay + learned + batch;
     let ReplayConfig { capacity, batch_size, warmup_steps, .. } = dqn.replay;
     let every = dqn.learn.every_steps;
     // The learning step in which the memory holds enough; the warm-up alone would leave nothing to train.
@@ -39,27 +87,13 @@ pub(super) fn check(config: &Config, dqn: &DqnConfig, origin: &str) -> Result<()
             ),
         ),
         (
-            !dqn.network.symmetric || Symmetry::fits(&dqn.network.hidden),
-            "network.hidden",
-            json!(dqn.network.hidden),
-            "an even number of units for each hidden layer, at least one layer, because `network.symmetric` pairs them; or set \
-             that to false"
-                .into(),
-        ),
-        (
-            !(dqn.network.symmetric && dqn.replay.mirror),
-            "replay.mirror",
-            json!(true),
-            "false where `network.symmetric` is true: each sample already teaches its mirror image".into(),
-        ),
-        (
-            config.memory() <= MAX_MEMORY,
+            memory <= MAX_MEMORY,
             "network.hidden",
             json!(dqn.network.hidden),
             format!(
                 "smaller layers: with `replay.batch_size` {batch_size} and `replay.capacity` {capacity} the run \
                  would take about {} GiB of memory; at most {} are allowed",
-                config.memory().div_ceil(1 << 30),
+                memory.div_ceil(1 << 30),
                 MAX_MEMORY >> 30
             ),
         ),

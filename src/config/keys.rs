@@ -9,7 +9,7 @@ use std::ops::RangeBounds;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::{Config, DQN, Q_TABLE};
+use super::{AGENTS, Config};
 use crate::agent::{Exploration, TargetUpdate};
 use crate::env::Spec;
 use crate::env::catalogue::EnvironmentId;
@@ -46,10 +46,9 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("environment.timeout_seconds", Allowed::Integer(1, 86_400), "seconds", "only of a program: the time that it has for an answer"),
     Key::new("environment.task", Allowed::Task, "", "only of a program: what it said of its task; a run records this, and nobody needs to set it"),
     Key::new("max_episode_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "training episodes are cut off after this many steps; `null`: after as many as the environment allows. Evaluations always have the environment's own time limit"),
-    Key::new("agent", Allowed::OneOf(&[DQN, Q_TABLE]), "", "`dqn`: a network; `q_table`: Q-learning in a table over the cells of a grid, with the keys `table`, `optimizer.learning_rate`, `optimizer.schedule`, `gamma` and `exploration` alone"),
+    Key::new("agent", Allowed::OneOf(AGENTS), "", "`dqn`: a network; `q_table`: Q-learning in a table over the cells of a grid, with the keys `table`, `optimizer.learning_rate`, `optimizer.schedule`, `gamma` and `exploration` alone"),
     Key::new("network.hidden", Allowed::LayerSizes, "units", "units of each hidden layer, first to last; `[]` is a linear network"),
     Key::new("network.init", Allowed::OneOf(&["glorot_uniform", "he_uniform", "torch"]), "", "how the weights start"),
-    Key::new("network.symmetric", Allowed::Bool, "", "the network is its own mirror image (left and right exchanged), so that each sample also teaches its image; not every environment has one"),
     Key::new("table.bins", Allowed::PerCoordinate(&Allowed::Bins), "cells", "only `q_table`: the cells of each observation coordinate: a number of equal ones between `low` and `high`, or the list of their inner edges. The outermost cells have no outer edge"),
     Key::new("table.low", Allowed::PerCoordinate(&EDGE), "as the coordinates", "only `q_table`: where the equal cells of each coordinate begin; without effect for a list of edges"),
     Key::new("table.high", Allowed::PerCoordinate(&EDGE), "as the coordinates", "only `q_table`: where they end"),
@@ -96,6 +95,14 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("stop_when_solved", Allowed::Bool, "", "the run ends at the first evaluation whose mean return is at least the one from which the environment counts as solved"),
     Key::new("stop_when_lasting_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "the run ends when two evaluations in a row solve the task and the policy of the second lasts this many steps from each of 100 starts, also past the environment's time limit: no episode terminates. From every second start one action in twenty is random. For tasks that have a threshold and in which termination is failure; `null`: no policy ends the run"),
 ];
+
+/// A key that earlier versions had: the one value with which a config that they recorded still means the same, and what to do
+/// about any other value.
+pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
+    "network.symmetric",
+    false,
+    "no network is its own mirror image any more; remove the key, and set `replay.mirror` to true to learn from mirror images",
+)];
 
 /// The groups that hold one of several alternatives, each alternative with its defaults. The first alternative of a group
 /// is the group's default. An alternative without keys is null. Alternatives of the same name (their string) differ by

@@ -8,8 +8,8 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
-use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, alternatives, pointer};
-use super::{ConfigError, DQN, Q_TABLE};
+use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, pointer};
+use super::{AGENTS, Config, ConfigError};
 
 /// The keys that one source sets, each known and within its range.
 pub(super) struct Layer {
@@ -60,18 +60,21 @@ impl Layer {
 
     /// Refuses the keys of another agent than the one whose defaults are `root`.
     pub(super) fn check_agent(&self, root: &Value) -> Result<(), ConfigError> {
-        let belongs = |key: &str| {
+        let belongs = |key: &str, root: &Value| {
             let is_in = |(group, _): &(&str, _)| key == *group || key.starts_with(&format!("{group}."));
             let known = |path: &str| root.pointer(&pointer(path)).is_some();
             let is_the_tasks = key.split('.').next() == Some(ENVIRONMENT);
             is_the_tasks || known(key) || alternatives().iter().any(|group| is_in(group) && known(group.0))
         };
-        match self.values.keys().find(|key| !belongs(key)) {
+        match self.values.keys().find(|key| !belongs(key, root)) {
             None => Ok(()),
             Some(key) => {
-                let other = if root["agent"] == DQN { Q_TABLE } else { DQN };
+                let has_it = |agent: &&&str| belongs(key, &json!(Config::with_agent(agent)));
+                let others: Vec<_> =
+                    AGENTS.iter().filter(has_it).map(|agent| format!("\"{agent}\"")).collect();
                 let hint = format!(
-                    "it belongs to the agent \"{other}\", and `agent` is {} here; a config is for one agent",
+                    "it belongs to the agent {}, and `agent` is {} here; a config is for one agent",
+                    others.join(" or "),
                     root["agent"]
                 );
                 Err(key_error(&self.origin, "misplaced key", key, hint))
@@ -81,6 +84,11 @@ impl Layer {
 
     /// Checks the layer against [`KEYS`] and leaves only what it sets.
     fn checked(mut self) -> Result<Self, ConfigError> {
+        for &(key, neutral, hint) in REMOVED {
+            if self.values.remove(key).is_some_and(|value| value != neutral) {
+                return Err(key_error(&self.origin, "removed key", key, hint.into()));
+            }
+        }
         for (key, value) in &self.values {
             let members = keys_in(&format!("{key}."));
             let is_empty = || {
@@ -209,7 +217,6 @@ fn whole(value: Value) -> Value {
     }
 }
 
-/// A value as the object that it is in JSON, without keys if it is null.
 /// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages. Empty if there are none.
 fn keys_in(prefix: &str) -> String {
     let below = KEYS.iter().filter_map(|key| key.path.strip_prefix(prefix)?.split('.').next());

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use keys::{SCALE, alternatives, pointer};
+use keys::{alternatives, pointer};
 use layer::{Layer, choose, invalid};
 
 use crate::agent::{
@@ -44,9 +44,42 @@ pub const MAX_BYTES: u64 = 1 << 20;
 /// Most memory that a config may ask for, in bytes.
 const MAX_MEMORY: u64 = 8 << 30;
 
-/// The agents' names, as `agent` has them.
+/// The agents' names, as `agent` has them, and all of them, the default agent first.
 const DQN: &str = "dqn";
 const Q_TABLE: &str = "q_table";
+const AGENTS: &[&str] = &[DQN, Q_TABLE];
+
+/// What is particular to the config of an agent.
+trait AgentRules {
+    /// Checks the rules that concern several of its keys.
+    fn check(&self, _config: &Config, _origin: &str) -> Result<(), ConfigError> {
+        Ok(())
+    }
+
+    /// Checks what the task decides.
+    fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError>;
+
+    /// The key that makes use of the task's mirror image, if it does.
+    fn mirrored(&self) -> Option<&'static str>;
+
+    /// The memory that the agent takes for a task of these sizes.
+    fn memory(&self, observation_size: usize, num_actions: usize) -> AgentMemory;
+
+    /// The keys that decide this, with their values, for messages.
+    fn sizes(&self) -> String;
+}
+
+/// About how many bytes the large parts of an agent take.
+#[derive(Default)]
+struct AgentMemory {
+    /// The replay memory, and a transition in it.
+    replay: u64,
+    transition: u64,
+    /// What learns: networks with their gradient and Adam's moments, or a table.
+    learned: u64,
+    /// The activations of a batch.
+    batch: u64,
+}
 
 /// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -79,7 +112,7 @@ impl Default for Config {
             environment: EnvironmentConfig::Named(EnvironmentId::CartPoleV1),
             max_episode_steps: None,
             agent: AgentConfig::Dqn(DqnConfig {
-                network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch, symmetric: false },
+                network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
                 optimizer: OptimizerConfig {
                     learning_rate: 1e-3,
                     beta1: 0.9,
@@ -208,47 +241,26 @@ impl Config {
             let allowed = format!("at most `exploration.initial`, which is {}", json!(initial));
             return Err(invalid(origin, "exploration.final", &json!(final_), allowed));
         }
-        match &self.agent {
-            AgentConfig::Dqn(dqn) => dqn::check(self, dqn, origin),
-            AgentConfig::QTable(_) => Ok(()),
-        }
+        self.rules().check(self, origin)
     }
 
     /// Checks what the task decides.
     fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
-        let size = task.observation_size;
-        let mirrored = match &self.agent {
-            AgentConfig::Dqn(dqn) if dqn.network.symmetric => Some("network.symmetric"),
-            AgentConfig::Dqn(dqn) => dqn.replay.mirror.then_some("replay.mirror"),
-            AgentConfig::QTable(config) => config.table.mirror.then_some("table.mirror"),
-        };
-        if let AgentConfig::QTable(config) = &self.agent {
-            table::check(&config.table, origin, task)?;
+        self.rules().check_task(origin, task)?;
+        match self.rules().mirrored() {
+            Some(key) if task.mirror.is_none() => {
+                let allowed = format!("false, because {} is not known to be its own mirror image", task.id);
+                Err(invalid(origin, key, &json!(true), allowed))
+            }
+            _ => Ok(()),
         }
-        let divisors = self.agent.as_dqn().and_then(|dqn| dqn.observation_divisors.as_ref());
-        if let Some(divisors) = divisors.filter(|all| all.len() != size) {
-            let allowed = format!(
-                "null or a list with {SCALE} for each of the {size} observation coordinates of {}; each task has a config \
-                     of its own in configs/",
-                task.id
-            );
-            return Err(invalid(origin, "observation_divisors", &json!(divisors), allowed));
+    }
+
+    fn rules(&self) -> &dyn AgentRules {
+        match &self.agent {
+            AgentConfig::Dqn(dqn) => dqn,
+            AgentConfig::QTable(table) => table,
         }
-        let Some(key) = mirrored else { return Ok(()) };
-        let Some(mirror) = &task.mirror else {
-            let allowed = format!("false, because {} is not known to be its own mirror image", task.id);
-            return Err(invalid(origin, key, &json!(true), allowed));
-        };
-        let network = self.agent.as_dqn().filter(|dqn| dqn.network.symmetric);
-        if network.is_some_and(|dqn| !mirror.of_divided(&dqn.divisors(size)).is_isometric()) {
-            let allowed = format!(
-                "false, because the mirror image of {} exchanges coordinates of different scales; divide them by \
-                 `observation_divisors` that make them alike",
-                task.id
-            );
-            return Err(invalid(origin, key, &json!(true), allowed));
-        }
-        Ok(())
     }
 
     /// The size of an observation and the number of actions; the smallest as long as nothing is known of the task.
@@ -256,28 +268,9 @@ impl Config {
         self.environment.spec().map_or((1, 1), |task| (task.observation_size, task.num_actions))
     }
 
-    /// About how many bytes a transition takes in the replay memory.
-    fn transition_bytes(&self) -> u64 {
-        4 * self.sizes().0 as u64 + 8
-    }
-
-    /// About how many bytes the large parts of a run take: the replay memory, the networks with their gradient and
-    /// Adam's moments, the activations of a batch.
-    fn memory(&self) -> u64 {
-        self.parts().iter().sum()
-    }
-
-    fn parts(&self) -> [u64; 3] {
+    fn memory(&self) -> AgentMemory {
         let (observation_size, num_actions) = self.sizes();
-        let dqn = match &self.agent {
-            AgentConfig::Dqn(dqn) => dqn,
-            AgentConfig::QTable(config) => return [0, table::bytes(&config.table, num_actions), 0],
-        };
-        let sizes = dqn.network.sizes(observation_size, num_actions);
-        let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
-        let units: usize = sizes.iter().sum();
-        let ReplayConfig { capacity, batch_size, .. } = dqn.replay;
-        [self.transition_bytes() * capacity as u64, 32 * parameters as u64, 16 * (batch_size * units) as u64]
+        self.rules().memory(observation_size, num_actions)
     }
 
     /// Whether the system has the memory that so many runs at the same time take, each with a checkpoint of what it can
@@ -286,24 +279,18 @@ impl Config {
     /// # Errors
     /// When it has not; the message says how much it takes and what would make it less.
     pub fn check_memory(&self, runs: usize) -> Result<(), String> {
-        let [replay, networks, batch] = self.parts();
+        let AgentMemory { replay, transition, learned, batch } = self.memory();
         let filled = match self.budget {
-            Budget::Steps(steps) => replay.min(steps.saturating_mul(self.transition_bytes())),
+            Budget::Steps(steps) => replay.min(steps.saturating_mul(transition)),
             Budget::Episodes(_) => replay,
         };
         // A checkpoint is put together, and then written from one piece.
-        let run = [replay / 3 * 2, replay / 3, networks, batch, filled + networks, filled + networks];
+        let run = [replay / 3 * 2, replay / 3, learned, batch, filled + learned, filled + learned];
         check_memory(std::iter::repeat_n(run, runs).flatten()).map_err(|_| {
             let mib = (run.iter().sum::<u64>() >> 20) + 1;
-            let size = match &self.agent {
-                AgentConfig::Dqn(DqnConfig { network, replay, .. }) => format!(
-                    "`replay.capacity` {}, `replay.batch_size` {} and `network.hidden` {:?}",
-                    replay.capacity, replay.batch_size, network.hidden
-                ),
-                AgentConfig::QTable(config) => format!("`table.bins` {}", json!(config.table.bins)),
-            };
+            let sizes = self.rules().sizes();
             format!(
-                "not enough memory: a run takes up to {mib} MiB with {size}; make these smaller, or give the process more \
+                "not enough memory: a run takes up to {mib} MiB with {sizes}; make these smaller, or give the process more \
                  memory"
             )
         })

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::environment::program_defaults;
 use super::keys::{Allowed, ENVIRONMENT as KEY, KEYS, Key, alternatives, object, pointer};
-use super::{Config, DQN, Q_TABLE};
+use super::{AGENTS, Config, DQN};
 
 /// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
 /// (`"replay.capacity"`), and it does not know the rules that concern several keys.
@@ -19,11 +19,9 @@ pub fn schema() -> Value {
     schema.into()
 }
 
-/// The defaults of the keys of every agent. Of a key that several agents have it is that of the default agent.
+/// The defaults of the keys of every agent. For a shared key, the default agent's value.
 fn every_default() -> Value {
-    let mut defaults = object(Config::with_agent(Q_TABLE));
-    defaults.extend(object(Config::default()));
-    defaults.into()
+    AGENTS.iter().rev().flat_map(|agent| object(Config::with_agent(agent))).collect()
 }
 
 /// The schema of the object whose keys begin with `prefix`.

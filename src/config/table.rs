@@ -2,8 +2,8 @@
 
 use serde_json::json;
 
-use super::ConfigError;
 use super::layer::invalid;
+use super::{AgentMemory, AgentRules, ConfigError};
 use crate::agent::{AgentConfig, Bins, Exploration, QTableConfig, TableConfig};
 use crate::env::Spec;
 use crate::nn::LearningRate;
@@ -27,14 +27,31 @@ pub(super) fn default(exploration: Exploration) -> AgentConfig {
     })
 }
 
+impl AgentRules for QTableConfig {
+    fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
+        check(&self.table, origin, task)
+    }
+
+    fn mirrored(&self) -> Option<&'static str> {
+        self.table.mirror.then_some("table.mirror")
+    }
+
+    fn memory(&self, _: usize, num_actions: usize) -> AgentMemory {
+        AgentMemory { learned: bytes(&self.table, num_actions), ..AgentMemory::default() }
+    }
+
+    fn sizes(&self) -> String {
+        format!("`table.bins` {}", json!(self.table.bins))
+    }
+}
+
 /// About how many bytes a table takes: its values and visits, in the agent and in the best policy.
-pub(super) fn bytes(table: &TableConfig, num_actions: usize) -> u64 {
+fn bytes(table: &TableConfig, num_actions: usize) -> u64 {
     let cells = table.bins.iter().fold(1, |cells: u64, bins| cells.saturating_mul(bins.count() as u64));
     cells.saturating_mul(24 * num_actions as u64)
 }
 
-/// Checks what the task decides.
-pub(super) fn check(table: &TableConfig, origin: &str, task: &Spec) -> Result<(), ConfigError> {
+fn check(table: &TableConfig, origin: &str, task: &Spec) -> Result<(), ConfigError> {
     let TableConfig { bins, low, high, .. } = table;
     let size = task.observation_size;
     let names = task.observations.join(", ");

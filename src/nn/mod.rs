@@ -15,7 +15,6 @@ pub mod kernels;
 mod loss;
 mod mlp;
 mod optimizer;
-mod symmetry;
 
 use serde::{Deserialize, Serialize};
 
@@ -24,20 +23,15 @@ pub use init::Init;
 pub use kernels::{Float, Kernels};
 pub use loss::Loss;
 pub use mlp::{Activations, Mlp};
-pub use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm};
-pub use symmetry::Symmetry;
+pub use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm, norm};
 
-/// The shape and the start of the Q-network.
+/// The shape and the start of the Q-network. Configs that earlier versions recorded have one more key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct NetworkConfig {
     /// Units of each hidden layer, first to last; `[]` is a linear network.
     pub hidden: Vec<usize>,
     /// How the weights start.
     pub init: Init,
-    /// Whether the network is its own mirror image, see [`Symmetry`].
-    #[serde(default)]
-    pub symmetric: bool,
 }
 
 impl NetworkConfig {

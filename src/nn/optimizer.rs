@@ -71,15 +71,19 @@ impl OptimizerConfig {
     }
 }
 
+/// ‖g‖, whose squares are summed in f64 in the order of memory.
+pub fn norm(values: &[f32]) -> f64 {
+    values.iter().map(|&value| f64::from(value) * f64::from(value)).sum::<f64>().sqrt()
+}
+
 /// Limits the norm of the gradient (Pascanu, Mikolov and Bengio 2013, algorithm 1) as PyTorch's `clip_grad_norm_`
-/// does; its squares are summed in f64 in the order of memory:
+/// does:
 ///
 /// ```text
 /// g ← g · min(1, max_norm / (‖g‖ + 1e-6))
 /// ```
 pub fn clip_norm(gradient: &mut [f32], max_norm: f64) {
-    let norm = gradient.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>().sqrt();
-    let factor = max_norm / (norm + 1e-6);
+    let factor = max_norm / (norm(gradient) + 1e-6);
     if factor < 1.0 {
         gradient.iter_mut().for_each(|g| *g *= factor as f32);
     }

@@ -96,8 +96,7 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
     } else {
         let why = match policy {
             Policy::Network(_) => {
-                "its weights become infinite under the run's `observation_divisors`, or they are not symmetric; \
-                 --set network.symmetric=false takes them as they are"
+                "its weights become infinite under the run's `observation_divisors`; give the run divisors nearer to 1"
             }
             Policy::Table(_) => {
                 "its table has other edges than that of the run; give the run its `table.bins`"

@@ -12,7 +12,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("memory", &[]),
     ("text", &[]),
     ("files", &[]),
-    ("nn", &["rng", "mirror"]),
+    ("nn", &["rng"]),
     ("env", &["rng", "mirror"]),
     ("tensors", &["rng", "nn"]),
     ("agent", &["rng", "mirror", "nn", "tensors"]),

@@ -25,7 +25,6 @@ pub(crate) const TINY: &[&str] = &[
 /// Settings with which the weights leave the finite soon after learning starts.
 pub(crate) const DIVERGING: &[&str] = &[
     "network.hidden=[8,8,8,8,8,8,8,8]",
-    "network.symmetric=false",
     "loss=mse",
     "optimizer.learning_rate=1",
     "optimizer.beta1=0",

@@ -32,6 +32,23 @@ fn shipped_configs() -> Vec<PathBuf> {
     paths.filter(|path| path.extension().is_some_and(|extension| extension == "json")).collect()
 }
 
+/// Runs, studies and checkpoints of earlier versions hold `network.symmetric`.
+#[test]
+fn a_recorded_config_with_a_key_that_is_gone_is_read_if_the_key_changed_nothing() {
+    let recorded = r#"{"network": {"hidden": [8, 6], "init": "torch", "symmetric": false}}"#;
+    let config = merged(recorded, &[]);
+    assert_eq!(config, merged(r#"{"network": {"hidden": [8, 6]}}"#, &[]));
+    let mut whole = serde_json::to_value(&config).unwrap();
+    whole["network"]["symmetric"] = json!(false);
+    assert_eq!(serde_json::from_value::<Config>(whole).unwrap(), config);
+    assert_eq!(merged("{}", &["network.symmetric=false"]), Config::default());
+
+    let hint = ["removed key `network.symmetric`", "`replay.mirror` to true"];
+    refused(r#"{"network": {"symmetric": true}}"#, &[], &hint);
+    refused("{}", &["network.symmetric=true"], &hint);
+    refused(r#"{"network.symmetric": 1}"#, &[], &hint);
+}
+
 #[test]
 fn the_default_is_the_documented_plain_dqn() {
     let documented = json!({
@@ -39,7 +56,7 @@ fn the_default_is_the_documented_plain_dqn() {
         "environment": "CartPole-v1",
         "max_episode_steps": null,
         "agent": "dqn",
-        "network": {"hidden": [24, 24], "init": "torch", "symmetric": false},
+        "network": {"hidden": [24, 24], "init": "torch"},
         "optimizer": {
             "learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8,
             "max_gradient_norm": null, "schedule": null,

@@ -1,13 +1,10 @@
-//! CartPole and Acrobot are their own mirror images, and `replay.mirror` and `network.symmetric` make use of it.
+//! CartPole and Acrobot are their own mirror images, and `replay.mirror` makes use of it.
 
-use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition, td};
+use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{Acrobot, CartPole, Environment};
 use cartpole_dqn::mirror::Mirror;
-use cartpole_dqn::nn::{Activations, Init, Loss, Mlp, NetworkConfig, Symmetry};
 use cartpole_dqn::rng::Rng;
-use cartpole_dqn::tensors::Tensors;
-use nalgebra::DMatrix;
 
 use super::tasks::random_steps;
 
@@ -113,7 +110,7 @@ fn experienced(sets: &[&str], reflected: bool) -> Dqn {
     let small = ["network.hidden=[6]", "replay.batch_size=1", "replay.warmup_steps=8", "n_step=3"];
     let sets: Vec<String> = small.iter().chain(sets).map(ToString::to_string).collect();
     let mut agent = Dqn::new(
-        Config::from_layers(None, &sets).unwrap().agent.into_dqn().unwrap(),
+        Config::from_layers(None, &sets).unwrap().agent.as_dqn().unwrap().clone(),
         4,
         2,
         mirror.as_ref(),
@@ -148,125 +145,8 @@ fn a_coin_after_the_ages_decides_whether_a_sample_is_reflected() {
         let mut expected = experienced(&[], coin);
         expected.replay_rng = Rng::from_seed(seed);
         assert_eq!(loss, expected.learn().unwrap());
-        assert_eq!(agent.online, expected.online);
+        assert_eq!(agent.online.mlp, expected.online.mlp);
         seen[usize::from(coin)] += 1;
     }
     assert!(seen[0] > 3 && seen[1] > 3, "{seen:?}");
-}
-
-/// CartPole's mirror, Acrobot's, and one that exchanges coordinates; networks that are symmetric in them.
-fn symmetric_networks() -> Vec<(Mirror, Symmetry, Mlp<f32>)> {
-    let mirrors = [CartPole::default().spec().mirror.clone(), Acrobot::default().spec().mirror.clone()];
-    let mirrors = mirrors.into_iter().flatten().chain([odd_mirror()]);
-    let mut rng = Rng::from_seed(11);
-    mirrors
-        .zip([vec![8, 6], vec![10], vec![4, 8, 6]])
-        .map(|(mirror, hidden)| {
-            let config = NetworkConfig { hidden, init: Init::Torch, symmetric: true };
-            let mut network = Mlp::new(&config, mirror.observation.len(), mirror.actions.len(), &mut rng);
-            let symmetry = Symmetry::new(network.sizes(), &mirror);
-            assert!(!symmetry.holds(network.parameters()));
-            symmetry.impose(network.parameters_mut());
-            assert!(symmetry.holds(network.parameters()));
-            (mirror, symmetry, network)
-        })
-        .collect()
-}
-
-fn random_batch(mirror: &Mirror, rng: &mut Rng) -> (Minibatch, Minibatch, Vec<f32>) {
-    let mut batch = Minibatch::new(16, mirror.observation.len());
-    batch.observations.iter_mut().for_each(|value| *value = rng.uniform(-2.0, 2.0) as f32);
-    batch.actions.iter_mut().for_each(|action| *action = rng.below(mirror.actions.len() as u64) as u8);
-    let mut reflected = batch.clone();
-    (0..16).for_each(|sample| reflected.reflect(sample, mirror, &mut Vec::new()));
-    (batch, reflected, (0..16).map(|_| rng.uniform(-1.0, 1.0) as f32).collect())
-}
-
-#[test]
-fn a_symmetric_network_gives_an_action_and_its_image_the_same_value() {
-    let mut rng = Rng::from_seed(12);
-    for (mirror, _, network) in symmetric_networks() {
-        let (batch, reflected, _) = random_batch(&mirror, &mut rng);
-        let [here, there] = [batch, reflected].map(|batch| {
-            let mut activations = Activations::new(network.sizes(), 16);
-            activations.set_input(&batch.observations);
-            network.forward(&mut activations);
-            activations.output().clone()
-        });
-        for (sample, action) in (0..16).flat_map(|sample| (0..here.ncols()).map(move |a| (sample, a))) {
-            let image = there[(sample, usize::from(mirror.actions[action]))];
-            assert!((here[(sample, action)] - image).abs() < 1e-6, "{mirror:?}");
-        }
-        assert!((here - there).amax() > 1e-3, "the values of one action differ");
-    }
-}
-
-/// The judge is ordinary backpropagation, once by the samples and once by their images.
-#[test]
-fn the_gradient_of_a_symmetric_network_is_that_by_the_samples_and_by_their_images() {
-    let mut rng = Rng::from_seed(13);
-    for (mirror, symmetry, network) in symmetric_networks() {
-        let (batch, reflected, targets) = random_batch(&mirror, &mut rng);
-        let [mut ours, theirs] = [batch, reflected].map(|batch| {
-            let mut activations = Activations::new(network.sizes(), 16);
-            let mut gradient = Mlp::zeros(network.sizes().to_vec());
-            activations.set_input(&batch.observations);
-            network.forward(&mut activations);
-            let (q, q_gradient): (&DMatrix<f32>, _) = activations.output_and_gradient_mut();
-            td::loss(Loss::Mse, q, &batch.actions, &targets, q_gradient);
-            network.backward(&mut activations, &mut gradient);
-            gradient
-        });
-        let mean: Vec<f32> =
-            ours.parameters().iter().zip(theirs.parameters()).map(|(a, b)| 0.5 * (a + b)).collect();
-        let apart = |gradient: &Mlp<f32>| {
-            let pairs = gradient.parameters().iter().zip(&mean);
-            pairs.map(|(ours, mean)| (ours - mean).abs()).fold(0.0, f32::max)
-        };
-        assert!(apart(&ours) > 1e-3, "the samples alone have another gradient");
-        symmetry.average(ours.parameters_mut());
-        assert!(apart(&ours) < 1e-6, "{mirror:?}: {}", apart(&ours));
-        assert!(symmetry.holds(ours.parameters()));
-    }
-}
-
-#[test]
-fn learning_keeps_a_network_symmetric_to_the_bit() {
-    let mirror = CartPole::default().spec().mirror.clone().unwrap();
-    let sets = ["network.symmetric=true", "target.kind=soft", "optimizer.max_gradient_norm=0.01"];
-    let mut agent = experienced(&sets, false);
-    let before = agent.online.clone();
-    for _ in 0..200 {
-        agent.learn().unwrap();
-    }
-    let symmetry = Symmetry::new(agent.online.sizes(), &mirror);
-    assert_ne!(agent.online, before);
-    assert!(symmetry.holds(agent.online.parameters()) && symmetry.holds(agent.target.parameters()));
-
-    let mut other = experienced(&["network.symmetric=true"], false);
-    assert!(other.start_from(&agent.policy()));
-    assert!(!other.start_from(&experienced(&[], false).policy()), "its policy is not symmetric");
-    let mut saved = Tensors::default();
-    agent.save(&mut saved);
-    other.load(&saved, 60).unwrap();
-    assert_eq!(other.online, agent.online);
-    let mut saved = Tensors::default();
-    experienced(&[], false).save(&mut saved);
-    assert!(other.load(&saved, 60).unwrap_err().to_string().contains("symmetric network"));
-}
-
-#[test]
-fn a_network_that_cannot_be_symmetric_is_refused() {
-    let refusal = |sets: &[&str]| {
-        let sets: Vec<String> = sets.iter().map(ToString::to_string).collect();
-        Config::from_layers(None, &sets).unwrap_err().to_string()
-    };
-    // What a mirror exchanges must have one scale.
-    assert!(!odd_mirror().of_divided(&[0.5, 4.0, 2.0]).is_isometric());
-    assert!(odd_mirror().of_divided(&[4.0, 4.0, 2.0]).is_isometric());
-    let on = "network.symmetric=true";
-    assert!(refusal(&[on, "network.hidden=[8,7]"]).contains("even number of units"));
-    assert!(refusal(&[on, "network.hidden=[]"]).contains("at least one layer"));
-    assert!(refusal(&[on, "replay.mirror=true"]).contains("already teaches its mirror image"));
-    assert!(refusal(&[on, "environment=MountainCar-v0"]).contains("not known to be its own mirror image"));
 }

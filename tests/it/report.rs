@@ -800,7 +800,7 @@ fn a_study_of_negative_returns_ranks_and_draws_them() {
     };
     let mut configs = vec![config("gamma=0.99"), config("gamma=0.9"), config("gamma=0.5")];
     // Diverges at once.
-    configs[1].config.agent.as_dqn_mut().unwrap().optimizer.learning_rate = 1e38;
+    super::tasks::dqn_config(&mut configs[1].config).optimizer.learning_rate = 1e38;
     let study = Study::new(configs, 0..10, false);
     let trials: Vec<_> = study.trials(Shard::ALL).collect();
     let folder = StudyDir::create(&sandbox.path("s"), study).unwrap();

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use cartpole_dqn::agent::Dqn;
+use cartpole_dqn::agent::{AgentConfig, Dqn, DqnConfig};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::catalogue::EnvironmentId;
 use cartpole_dqn::env::{CartPole, Environment, EnvironmentError, Make, Outcome, Spec, Start, TimeLimit};
@@ -13,6 +13,14 @@ use cartpole_dqn::trainer::Trainer;
 /// The agent of a run.
 pub fn dqn(trainer: &Trainer) -> &Dqn {
     trainer.agent().as_dqn().unwrap()
+}
+
+/// The settings of a config's agent.
+pub fn dqn_config(config: &mut Config) -> &mut DqnConfig {
+    match &mut config.agent {
+        AgentConfig::Dqn(dqn) => dqn,
+        AgentConfig::QTable(_) => panic!("the agent is a table"),
+    }
 }
 
 /// CartPole under a time limit, to evaluate in.

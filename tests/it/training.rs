@@ -14,7 +14,7 @@ use cartpole_dqn::trainer::{
     Observer, Score, Snapshot, TrainError, Trainer, evaluate, lasts, play,
 };
 
-use super::tasks::{TwoStates, bytes_of, cartpole, dqn, random_steps, resumed};
+use super::tasks::{TwoStates, bytes_of, cartpole, dqn, dqn_config, random_steps, resumed};
 
 /// A run that nobody stops.
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -80,7 +80,7 @@ fn every_kind_of_target_and_update_learns_it_too() {
     ] {
         let mut config = config(&[&SMALL, extra].concat());
         // The observations of this environment have another size than the config's.
-        config.agent.as_dqn_mut().unwrap().observation_divisors =
+        dqn_config(&mut config).observation_divisors =
             Some(vec![2.0, 0.5]).filter(|_| extra == ["reward_scale=0.1"]);
         let mut trainer = two_states(&config);
         trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
@@ -228,7 +228,7 @@ fn a_run_that_diverges_names_the_step() {
     let sets = ["optimizer.learning_rate=1", "optimizer.beta1=0", "optimizer.beta2=0", "gamma=1"];
     let extra = ["exploration.final=1", "target={\"kind\":\"none\"}", "optimizer.epsilon=1e-30"];
     let mut config = config(&[&sets[..], &extra].concat());
-    config.agent.as_dqn_mut().unwrap().optimizer.learning_rate = 1e30;
+    dqn_config(&mut config).optimizer.learning_rate = 1e30;
     let mut trainer = trainer(&config);
     let error = trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap_err();
     let TrainError::Diverged { env_steps, .. } = error else { panic!("{error}") };
@@ -240,18 +240,30 @@ fn a_run_that_diverges_names_the_step() {
 #[test]
 fn a_loss_a_gradient_and_a_weight_that_leave_the_finite_are_told_apart() {
     let mut agent = experienced(&[]);
-    agent.online.layer_mut(0).fill(0.0);
-    agent.online.layer_mut(0)[4 * 6..].fill(1e-36);
-    agent.online.layer_mut(1)[..6 * 2].fill(1e38);
+    agent.online.mlp.layer_mut(0).fill(0.0);
+    agent.online.mlp.layer_mut(0)[4 * 6..].fill(1e-36);
+    agent.online.mlp.layer_mut(1)[..6 * 2].fill(1e38);
     assert_eq!(agent.learn(), Err(NotFinite::Gradient));
 
     let mut agent = experienced(&[]);
-    agent.online.parameters_mut().fill(1e20);
+    agent.online.mlp.parameters_mut().fill(1e20);
     assert_eq!(agent.learn(), Err(NotFinite::Loss));
 
     let mut agent = experienced(&[]);
     agent.adam.learning_rate = 1e300;
     assert_eq!(agent.learn(), Err(NotFinite::Weight));
+}
+
+/// Of a number that has left the finite, the next learning step must not say that its mean loss is NaN.
+#[test]
+fn a_learning_step_after_one_that_failed_fails_too() {
+    for mode in ["minibatch", "per_sample"] {
+        let mut agent = experienced(&[&format!("replay.update={mode}")]);
+        agent.online.mlp.parameters_mut().fill(1e20);
+        for _ in 0..3 {
+            assert_eq!(agent.learn(), Err(NotFinite::Loss), "{mode}");
+        }
+    }
 }
 
 /// Keras' loop in the tutorial: act, step, store, learn; after episode e: ε × decay, copy if e % 10 == 0.
@@ -261,23 +273,23 @@ fn the_tutorials_schedules_are_followed() {
         "target.every_episodes=10",
         "exploration={\"schedule\":\"per_episode\",\"initial\":1,\"final\":0.9,\"decay\":0.99}",
     ]);
-    let mut agent = Dqn::new(config.agent.into_dqn().unwrap(), 4, 2, None, 0);
+    let mut agent = Dqn::new(config.agent.as_dqn().unwrap().clone(), 4, 2, None, 0);
     let mut epsilon = 1.0;
     for episode in 0..25 {
-        agent.online.parameters_mut()[0] = episode as f32 + 100.0;
+        agent.online.mlp.parameters_mut()[0] = episode as f32 + 100.0;
         agent.learn_if_due(episode + 1).unwrap();
         agent.end_episode(episode);
         epsilon = if epsilon > 0.9 { epsilon * 0.99 } else { epsilon };
         assert_eq!(agent.exploration.epsilon, epsilon);
         let last_copy = (episode / 10 * 10) as f32 + 100.0;
-        assert_eq!(agent.target.parameters()[0], last_copy, "after episode {episode}");
+        assert_eq!(agent.target.mlp.parameters()[0], last_copy, "after episode {episode}");
     }
 }
 
 /// An agent that has seen 40 steps of CartPole.
 fn experienced(sets: &[&str]) -> Dqn {
     let small = ["network.hidden=[6]", "replay.batch_size=8", "replay.warmup_steps=8"];
-    let mut agent = Dqn::new(config(&[&small, sets].concat()).agent.into_dqn().unwrap(), 4, 2, None, 3);
+    let mut agent = Dqn::new(config(&[&small, sets].concat()).agent.as_dqn().unwrap().clone(), 4, 2, None, 3);
     random_steps(40, |observation, action, next_observation, outcome| {
         agent.observe(Transition {
             observation: &observation,
@@ -295,24 +307,24 @@ fn experienced(sets: &[&str]) -> Dqn {
 fn a_soft_target_follows_after_every_learning_step() {
     let mut agent = experienced(&["target={\"kind\":\"soft\",\"tau\":0.25}", "learn.updates=3"]);
     for _ in 0..3 {
-        let before = agent.target.clone();
+        let before = agent.target.mlp.clone();
         agent.learn().unwrap();
         for ((&target, &before), &online) in
-            agent.target.parameters().iter().zip(before.parameters()).zip(agent.online.parameters())
+            agent.target.mlp.parameters().iter().zip(before.parameters()).zip(agent.online.mlp.parameters())
         {
             assert_eq!(target, 0.25_f32.mul_add(online - before, before));
         }
     }
-    assert_ne!(agent.target, agent.online);
+    assert_ne!(agent.target.mlp, agent.online.mlp);
 }
 
 #[test]
 fn double_targets_differ_only_where_the_networks_disagree() {
     let (mut plain, mut double) = (experienced(&[]), experienced(&["double=true"]));
     assert_eq!(plain.learn(), double.learn(), "both networks are the same at the start");
-    assert_eq!(plain.online, double.online);
+    assert_eq!(plain.online.mlp, double.online.mlp);
     for agent in [&mut plain, &mut double] {
-        agent.target.parameters_mut().iter_mut().for_each(|parameter| *parameter = -*parameter);
+        agent.target.mlp.parameters_mut().iter_mut().for_each(|parameter| *parameter = -*parameter);
     }
     assert!(double.learn().unwrap() != plain.learn().unwrap());
 }
@@ -325,9 +337,9 @@ fn a_schedule_sets_the_learning_rate_by_environment_steps() {
         agent.learn_if_due(env_steps).unwrap();
         assert_eq!(agent.counters().learning_rate, expected);
     }
-    let before = agent.online.clone();
+    let before = agent.online.mlp.clone();
     agent.learn().unwrap();
-    assert_eq!(agent.online, before, "a learning rate of 0 changes nothing");
+    assert_eq!(agent.online.mlp, before, "a learning rate of 0 changes nothing");
 }
 
 /// The first moment after one step of Adam is a tenth of the gradient.
@@ -363,7 +375,7 @@ fn observations_and_rewards_are_scaled_once_and_folded_out_of_the_policy() {
     for observation in plain.observations.chunks_exact(4) {
         assert_eq!(scaled.act(observation), policy.act(observation));
     }
-    assert_ne!(*scaled.policy().network().unwrap(), scaled.online);
+    assert_ne!(*scaled.policy().network().unwrap(), scaled.online.mlp);
 }
 
 #[test]
@@ -372,7 +384,7 @@ fn the_policy_is_made_of_the_chosen_weights() {
     for (weights, of_target) in [("policy_weights=online", false), ("policy_weights=target", true)] {
         let mut agent = experienced(&[soft, weights]);
         agent.learn().unwrap();
-        let expected = if of_target { &agent.target } else { &agent.online };
+        let expected = if of_target { &agent.target.mlp } else { &agent.online.mlp };
         assert_eq!(agent.policy().network().unwrap(), expected);
     }
     let sets =
@@ -380,18 +392,18 @@ fn the_policy_is_made_of_the_chosen_weights() {
     let mut trainer = trainer(&config(&sets));
     trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
     let Snapshot { tensors, .. } = trainer.snapshot();
-    assert_eq!(tensors.network(4, 2).unwrap(), dqn(&trainer).target);
-    assert_eq!(network(trainer.best_policy().unwrap()), &dqn(&trainer).target);
-    let mut online = dqn(&trainer).target.clone();
+    assert_eq!(tensors.network(4, 2).unwrap(), dqn(&trainer).target.mlp);
+    assert_eq!(network(trainer.best_policy().unwrap()), &dqn(&trainer).target.mlp);
+    let mut online = dqn(&trainer).target.mlp.clone();
     tensors.get_network("online.", &mut online).unwrap();
-    assert_eq!(online, dqn(&trainer).online);
+    assert_eq!(online, dqn(&trainer).online.mlp);
 }
 
 #[test]
 fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
     for (truncation_is_terminal, expected) in [(false, false), (true, true)] {
         let set = format!("truncation_is_terminal={truncation_is_terminal}");
-        let mut agent = Dqn::new(config(&[&set]).agent.into_dqn().unwrap(), 1, 2, None, 0);
+        let mut agent = Dqn::new(config(&[&set]).agent.as_dqn().unwrap().clone(), 1, 2, None, 0);
         let (observation, next_observation) = ([0.0], [1.0]);
         agent.observe(Transition {
             observation: &observation,
@@ -410,7 +422,7 @@ fn only_termination_zeroes_the_bootstrap_unless_truncation_is_terminal() {
 
 #[test]
 fn explores_with_probability_epsilon() {
-    let mut agent = Dqn::new(config(&["exploration.final=1"]).agent.into_dqn().unwrap(), 4, 2, None, 0);
+    let mut agent = Dqn::new(config(&["exploration.final=1"]).agent.as_dqn().unwrap().clone(), 4, 2, None, 0);
     let acts = |agent: &mut Dqn| (0..4000).filter(|_| agent.act(&[0.1, 0.2, 0.3, 0.4]) == 0).count();
     agent.exploration.epsilon = 0.0;
     let greedy = acts(&mut agent);
@@ -435,7 +447,10 @@ fn smoke(seed: u64) -> Trainer {
 fn smoke_run_gives_the_committed_weights() {
     let mut trainer = smoke(1);
     trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
-    assert_eq!(weights_sha256(&dqn(&trainer).online), include_str!("../data/smoke_weights.sha256").trim());
+    assert_eq!(
+        weights_sha256(&dqn(&trainer).online.mlp),
+        include_str!("../data/smoke_weights.sha256").trim()
+    );
 }
 
 #[test]
@@ -540,7 +555,7 @@ fn an_evaluation_is_repeatable_and_leaves_the_training_alone() {
         let sets = ["network.hidden=[8]", "budget.steps=1300", "evaluation.episodes=3", every];
         let mut trainer = trainer(&config(&sets));
         trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
-        weights_sha256(&dqn(&trainer).online)
+        weights_sha256(&dqn(&trainer).online.mlp)
     };
     assert_eq!(run("evaluation.every_steps=1000"), run("evaluation.every_steps=100"));
 }
@@ -566,14 +581,14 @@ fn episodes_in_lockstep_are_the_episodes_one_by_one() {
 #[test]
 fn statistics_of_a_network_of_zeros_are_known() {
     let mut agent = Dqn::new(
-        config(&["network.hidden=[5]", "reward_scale=0.5"]).agent.into_dqn().unwrap(),
+        config(&["network.hidden=[5]", "reward_scale=0.5"]).agent.as_dqn().unwrap().clone(),
         4,
         2,
         None,
         0,
     );
-    agent.online.parameters_mut().fill(0.0);
-    agent.target.copy_from(&agent.online.clone());
+    agent.online.mlp.parameters_mut().fill(0.0);
+    agent.target.mlp.copy_from(&agent.online.mlp.clone());
     for step in 0..20 {
         agent.observe(Transition {
             observation: &[0.1; 4],
@@ -606,10 +621,10 @@ fn statistics_of_a_network_of_zeros_are_known() {
     // One living unit of five; Q-values 2 and 7 where the sum of the observation is positive, else 0 and 5.
     let outputs = 5;
     for input in 0..4 {
-        agent.online.layer_mut(0)[input * outputs] = 0.5;
+        agent.online.mlp.layer_mut(0)[input * outputs] = 0.5;
     }
-    agent.online.layer_mut(1)[..2].copy_from_slice(&[1.0, 1.0]);
-    agent.online.layer_mut(1)[2 * outputs..].copy_from_slice(&[0.0, 5.0]);
+    agent.online.mlp.layer_mut(1)[..2].copy_from_slice(&[1.0, 1.0]);
+    agent.online.mlp.layer_mut(1)[2 * outputs..].copy_from_slice(&[0.0, 5.0]);
     assert_eq!((number(&agent, "max_q"), number(&agent, "action_gap")), (14.0, 10.0));
     assert_eq!((number(&agent, "doomed_max_q"), number(&agent, "dead_relu_share")), (10.0, 0.8));
 }
@@ -793,7 +808,7 @@ fn an_agent_acts_observes_learns_and_ends_its_episode_before_it_is_evaluated() {
     let calls = std::sync::Arc::default();
     let agent = Recording(
         std::sync::Arc::clone(&calls),
-        Dqn::new(config.agent.clone().into_dqn().unwrap(), 2, 3, None, 0),
+        Dqn::new(config.agent.clone().as_dqn().unwrap().clone(), 2, 3, None, 0),
     );
     let mut trainer = Trainer::new(config.trainer(), |_| Box::new(agent), TwoStates::make()).unwrap();
     (0..11).for_each(|_| trainer.step(&mut Vec::<Event>::new()).unwrap());

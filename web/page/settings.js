@@ -120,8 +120,7 @@ const SWITCHES = [
     },
   },
   { id: 'double', label: 'Double Q-learning', get: config => config.double, put: on => set('double', on) },
-  { id: 'mirror', label: 'Mirror images', get: config => config.network?.symmetric || config.replay?.mirror,
-    put: on => set(ownConfig().network?.symmetric ? 'network.symmetric' : 'replay.mirror', on) },
+  { id: 'mirror', label: 'Mirror images', get: config => config.replay?.mirror, put: on => set('replay.mirror', on) },
 ];
 
 // The config without what is set on top of it.

@@ -1,0 +1,102 @@
+//! The Q-network of an agent: the network, what an observation is divided by before the network sees it, and how both become
+//! a policy for observations as the environment gives them.
+
+use nalgebra::DMatrix;
+
+use crate::nn::{Activations, Mlp, NetworkConfig};
+use crate::rng::Rng;
+
+/// Q(s, ·) for observations whose coordinates were divided. Its head is the linear output layer of the network, with one
+/// Q-value for each action.
+#[derive(Clone, Debug, PartialEq)]
+pub struct QNetwork {
+    /// From divided observations to Q-values.
+    pub mlp: Mlp<f32>,
+    /// What each coordinate of an observation is divided by.
+    divisors: Vec<f32>,
+}
+
+impl QNetwork {
+    /// A network with freshly drawn weights; without `divisors` it takes observations as they are.
+    pub(super) fn new(
+        config: &NetworkConfig,
+        divisors: Option<&[f64]>,
+        observation_size: usize,
+        num_actions: usize,
+        rng: &mut Rng,
+    ) -> Self {
+        let mlp = Mlp::new(config, observation_size, num_actions, rng);
+        let ones = || vec![1.0; observation_size];
+        let divisors = divisors.map_or_else(ones, |all| all.iter().map(|&divisor| divisor as f32).collect());
+        Self { mlp, divisors }
+    }
+
+    /// What each coordinate of an observation is divided by.
+    pub(super) fn divisors(&self) -> &[f32] {
+        &self.divisors
+    }
+
+    /// Divides an observation.
+    pub(super) fn divide(&self, observation: &[f32], divided: &mut [f32]) {
+        debug_assert_eq!(observation.len(), self.divisors.len());
+        for ((divided, value), divisor) in divided.iter_mut().zip(observation).zip(&self.divisors) {
+            *divided = value / divisor;
+        }
+    }
+
+    /// The Q-values of divided observations, (batch, features), as the output of `activations`.
+    pub(super) fn forward(&self, observations: &DMatrix<f32>, activations: &mut Activations<f32>) {
+        activations.set_input(observations);
+        self.mlp.forward(activations);
+    }
+
+    /// The Q-values of one observation as the environment gives it.
+    pub(super) fn forward_one(&self, observation: &[f32], activations: &mut Activations<f32>) {
+        self.divide(observation, activations.input_mut().as_mut_slice());
+        self.mlp.forward(activations);
+    }
+
+    /// The gradient of the loss by every parameter, from the gradient by the Q-values that is in `activations`.
+    pub(super) fn backward(&self, activations: &mut Activations<f32>, gradient: &mut Mlp<f32>) {
+        self.mlp.backward(activations, gradient);
+    }
+
+    /// θ⁻ ← θ
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.mlp.copy_from(&other.mlp);
+    }
+
+    /// θ⁻ ← θ⁻ + τ (θ − θ⁻)
+    pub(super) fn move_towards(&mut self, other: &Self, tau: f64) {
+        self.mlp.move_towards(&other.mlp, tau as f32);
+    }
+
+    /// The network for observations as the environment gives them: the divisors are folded into the first layer,
+    /// W x / d = (W / d) x.
+    pub(super) fn as_policy(&self) -> Mlp<f32> {
+        let mut policy = self.mlp.clone();
+        self.each_input(&mut policy, |weight, divisor| *weight /= divisor);
+        policy
+    }
+
+    /// The inverse of [`Self::as_policy`]. False if the policy has another shape, which changes nothing, or if a weight leaves
+    /// the finite.
+    #[must_use]
+    pub(super) fn from_policy(&mut self, policy: &Mlp<f32>) -> bool {
+        if policy.sizes() != self.mlp.sizes() {
+            return false;
+        }
+        let mut mlp = policy.clone();
+        self.each_input(&mut mlp, |weight, divisor| *weight *= divisor);
+        self.mlp = mlp;
+        self.mlp.parameters().iter().all(|parameter| parameter.is_finite())
+    }
+
+    /// Changes every weight of the first layer, by the divisor of the coordinate that it belongs to.
+    fn each_input(&self, mlp: &mut Mlp<f32>, change: impl Fn(&mut f32, f32)) {
+        let outputs = mlp.sizes()[1];
+        for (weights, &divisor) in mlp.layer_mut(0).chunks_exact_mut(outputs).zip(&self.divisors) {
+            weights.iter_mut().for_each(|weight| change(weight, divisor));
+        }
+    }
+}
