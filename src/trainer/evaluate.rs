@@ -373,11 +373,6 @@ impl Score {
         let count = self.episodes as f64;
         (self.episodes > 1).then(|| 1.96 * self.std * (count / (count - 1.0)).sqrt() / count.sqrt())
     }
-
-    /// Whether a task counts as solved: the mean of at least 100 episodes reaches its threshold.
-    pub fn solves(&self, threshold: f64) -> bool {
-        self.episodes >= 100 && self.mean >= threshold
-    }
 }
 
 /// Gymnasium seed of the first episode that gives probes.
