@@ -278,9 +278,10 @@ impl Agent for Dqn {
     /// The inverse of [`Self::policy`], for both networks.
     fn start_from(&mut self, policy: &Policy) -> bool {
         let Policy::Network(network) = policy else { return false };
-        let is_possible = self.online.from_policy(network);
+        let Some(online) = QNetwork::from_policy(network, &self.online) else { return false };
+        self.online = online;
         self.target.copy_from(&self.online);
-        is_possible
+        true
     }
 
     fn gamma(&self) -> f64 {

@@ -79,17 +79,14 @@ impl QNetwork {
         policy
     }
 
-    /// The inverse of [`Self::as_policy`]. False if the policy has another shape, which changes nothing, or if a weight leaves
-    /// the finite.
-    #[must_use]
-    pub(super) fn from_policy(&mut self, policy: &Mlp<f32>) -> bool {
-        if policy.sizes() != self.mlp.sizes() {
-            return false;
-        }
-        let mut mlp = policy.clone();
-        self.each_input(&mut mlp, |weight, divisor| *weight *= divisor);
-        self.mlp = mlp;
-        self.mlp.parameters().iter().all(|parameter| parameter.is_finite())
+    /// The inverse of [`Self::as_policy`], with the divisors of `like`. None if the policy has another shape than `like`, or if a
+    /// weight leaves the finite.
+    pub(super) fn from_policy(policy: &Mlp<f32>, like: &Self) -> Option<Self> {
+        let mut network = like.clone();
+        network.mlp.clone_from(policy);
+        like.each_input(&mut network.mlp, |weight, divisor| *weight *= divisor);
+        let is_finite = network.mlp.parameters().iter().all(|parameter| parameter.is_finite());
+        (policy.sizes() == like.mlp.sizes() && is_finite).then_some(network)
     }
 
     /// Changes every weight of the first layer, by the divisor of the coordinate that it belongs to.
