@@ -5,6 +5,7 @@
 //! | --- | --- |
 //! | [`rng`] | one seed, one stream of random numbers per consumer |
 //! | [`mirror`], [`memory`] | the mirror image of a task; whether there is enough memory |
+//! | [`text`] | how a foreign name is shown; tables and sentences that fit a terminal |
 //! | [`env`](mod@env) | environments: CartPole, Acrobot and MountainCar, the time limit, and which names a config knows |
 //! | [`nn`] | network, backpropagation, losses, Adam, and their kernels |
 //! | [`tensors`] | named tensors as safetensors bytes |
@@ -16,7 +17,7 @@
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | `files`, `text` | files that are whole or not there; names, tables and sentences that fit a terminal |
+//! | `files` | files that are whole or not there |
 //! | `check`, `explain` | which known mistake another program's update has; one update of our own, with all its numbers |
 //! | `sink` | observers of a run: metrics, progress, TensorBoard |
 //! | `run` | the directory of a run: names, lock, checkpoints, resuming, verifying |
@@ -63,7 +64,6 @@ pub mod sink;
 #[cfg(feature = "files")]
 pub mod study;
 pub mod tensors;
-#[cfg(feature = "files")]
 pub mod text;
 pub mod trainer;
 #[cfg(feature = "view")]

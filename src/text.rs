@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use unicode_width::UnicodeWidthStr;
+use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 /// Columns that every table and message fits.
 pub const COLUMNS: usize = 80;
@@ -10,12 +10,28 @@ pub const COLUMNS: usize = 80;
 const LEAST_NAME: usize = 8;
 const GAP: &str = "  ";
 
-/// Whether a character could steer a terminal or reorder a line.
+/// Whether a character could steer a terminal, break or reorder a line, or hide in it.
 pub fn steers(c: char) -> bool {
-    c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    let is_hidden = matches!(
+        c,
+        '\u{ad}'
+            | '\u{61c}'
+            | '\u{115f}'
+            | '\u{1160}'
+            | '\u{180e}'
+            | '\u{200b}'..='\u{200f}'
+            | '\u{2028}'..='\u{202e}'
+            | '\u{2060}'..='\u{206f}'
+            | '\u{3164}'
+            | '\u{feff}'
+            | '\u{ffa0}'
+            | '\u{fff9}'..='\u{fffb}'
+            | '\u{e0000}'..='\u{e007f}'
+    );
+    c.is_control() || is_hidden
 }
 
-/// A name as it can be shown anywhere: characters that could steer a terminal or reorder a line become their escapes.
+/// A name as it can be shown anywhere: characters for which [`steers`] holds become their escapes.
 pub fn visible(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
@@ -27,6 +43,55 @@ pub fn visible(text: &str) -> String {
 /// A path as it can be shown anywhere: see [`visible`].
 pub fn shown(path: &Path) -> String {
     visible(&path.to_string_lossy())
+}
+
+/// The beginning of a text, for a message: at most `length` characters, and `…` for the rest. See [`visible`].
+pub fn excerpt(text: &str, length: usize) -> String {
+    let text = text.trim_end();
+    let start = text.char_indices().nth(length).map_or(text, |(end, _)| &text[..end]);
+    visible(start) + if start.len() < text.len() { "…" } else { "" }
+}
+
+/// A word as it can be typed into a shell, in one line. A word with characters that nobody sees is written as `$'…'`, which
+/// bash, zsh and ksh know, and these characters as their bytes.
+pub fn shell_word(word: &str) -> String {
+    let is_unseen = |c: char| steers(c) || c.width() == Some(0);
+    let is_plain = |c: char| c.is_alphanumeric() || "/:._-+=,".contains(c) || (cfg!(windows) && c == '\\');
+    if word.chars().any(is_unseen) {
+        return format!("$'{}'", word.chars().map(|c| ansi_c(c, is_unseen(c))).collect::<String>());
+    }
+    // zsh replaces a word that begins with `=` by the path of a program.
+    let is_word = !word.is_empty() && !word.starts_with('=') && word.chars().all(is_plain);
+    if is_word { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
+/// A character between `$'` and `'`.
+fn ansi_c(c: char, is_unseen: bool) -> String {
+    match c {
+        '\n' => "\\n".into(),
+        '\r' => "\\r".into(),
+        '\t' => "\\t".into(),
+        '\'' | '\\' => format!("\\{c}"),
+        c if is_unseen => c.to_string().bytes().map(|byte| format!("\\{byte:03o}")).collect(),
+        c => c.into(),
+    }
+}
+
+/// A program and its arguments as they can be typed into a shell, in one line.
+pub fn shell_line(command: &[String]) -> String {
+    // As the first word of a line these are no programs.
+    const KEYWORDS: [&str; 17] = [
+        "case", "coproc", "do", "done", "elif", "else", "esac", "fi", "for", "function", "if", "in",
+        "select", "then", "time", "until", "while",
+    ];
+    let mut words: Vec<String> = command.iter().map(|word| shell_word(word)).collect();
+    if let (Some(first), Some(word)) = (words.first_mut(), command.first())
+        && first == word
+        && (KEYWORDS.contains(&word.as_str()) || word.contains('='))
+    {
+        *first = format!("'{word}'");
+    }
+    words.join(" ")
 }
 
 /// Columns that a text takes in a terminal.
@@ -200,5 +265,25 @@ mod tests {
     #[test]
     fn what_could_steer_a_terminal_is_shown_as_its_escape() {
         assert_eq!(visible("a\u{1b}[31m\nb\u{202e}ü"), "a\\u{1b}[31m\\nb\\u{202e}ü");
+    }
+
+    #[test]
+    fn an_excerpt_says_that_it_is_one() {
+        assert_eq!(excerpt("äbc\n", 3), "äbc");
+        assert_eq!(excerpt("äb\ncd", 3), "äb\\n…");
+    }
+
+    #[test]
+    fn a_command_is_quoted_only_where_a_shell_would_read_something_else() {
+        let line =
+            |words: &[&str]| shell_line(&words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>());
+        assert_eq!(line(&["python3", "walk.py", "--a=b"]), "python3 walk.py --a=b");
+        assert_eq!(line(&["time", "time"]), "'time' time");
+        assert_eq!(line(&["A=b", "A=b"]), "'A=b' A=b");
+        assert_eq!(line(&["x", "", "it's", "=x", "$(y)"]), r"x '' 'it'\''s' '=x' '$(y)'");
+        assert_eq!(
+            line(&["x", "a\nb\u{1b}'\\", "\u{202e}", "\u{200b}é"]),
+            r"x $'a\nb\033\'\\' $'\342\200\256' $'\342\200\213é'"
+        );
     }
 }

@@ -2,8 +2,9 @@
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 
-use super::ui::{program, shell_word};
+use super::ui::program;
 use crate::config;
+use crate::text::shell_word;
 
 /// What replaces a value that the user has not given.
 const PLACEHOLDER: &str = "VALUE";

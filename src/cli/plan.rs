@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::ui::{Failure, note, program, shell_word};
+use super::ui::{Failure, note, program};
 use crate::report;
 use crate::study::{Cause, Finished, LeftOut, StudyDir, Unended};
-use crate::text::{labels, legend, table, visible};
+use crate::text::{labels, legend, shell_word, table, visible};
 
 /// The first trial of a plan is timed no longer than that.
 const TIMED: Duration = Duration::from_secs(30);

@@ -15,14 +15,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::permission::{AllowCommand, Programs};
 use super::plan;
 use super::signals::Signals;
-use super::ui::{Failure, cannot_write, check_out, note, print, shell_word};
+use super::ui::{Failure, cannot_write, check_out, note, print};
 use super::variations::{Variations, configs};
 use crate::env::Spec;
 use crate::report;
 use crate::study::{
     Cause, Finished, LeftOut, MAX_SEEDS, NamedConfig, Shard, Study, StudyDir, StudyError, Trial, Unended,
 };
-use crate::text::{shown, visible, wrapped};
+use crate::text::{shell_word, shown, visible, wrapped};
 
 /// Shortest time between two plain lines of progress.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);

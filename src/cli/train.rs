@@ -9,13 +9,13 @@ use serde_json::json;
 use super::layers::Layers;
 use super::permission::{AllowCommand, allowance, ask_task};
 use super::signals::{self, Signals};
-use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say, shell_word};
+use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say};
 use crate::config::{Config, MAX_BYTES};
 use crate::env::Spec;
 use crate::files::read_text_limited;
 use crate::run::{Record, Recorder, Resumed, RunDir, Started, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
-use crate::text::shown;
+use crate::text::{shell_word, shown};
 use crate::trainer::{Budget, EndReason, Evaluation, Fanout, Summary, TrainError, Trainer};
 use crate::view::{Live, Pace, check_terminal};
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::config::ConfigError;
 use crate::env::EnvironmentError;
 use crate::run::{CheckpointError, CheckpointProblem, RunError};
-use crate::text::{shown, steers};
+use crate::text::{shell_word, shown, steers};
 use crate::trainer::{ResumeError, TrainError};
 use crate::view::NoView;
 
@@ -119,8 +119,10 @@ pub(super) fn escaped(text: &str) -> String {
     for character in text.chars() {
         match character {
             '\n' | '\t' => escaped.push(character),
-            // All of them are below U+10000.
-            control if steers(control) => escaped += &format!("\\u{:04x}", u32::from(control)),
+            steering if steers(steering) => {
+                let mut units = [0; 2];
+                escaped.extend(steering.encode_utf16(&mut units).iter().map(|unit| format!("\\u{unit:04x}")));
+            }
             character => escaped.push(character),
         }
     }
@@ -131,13 +133,6 @@ pub(super) fn escaped(text: &str) -> String {
 pub(super) fn program() -> String {
     let program = std::env::args_os().next().unwrap_or_else(|| "cartpole-dqn".into());
     shell_word(&program.to_string_lossy())
-}
-
-/// A word as it can be typed into a shell.
-pub(super) fn shell_word(word: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "/\\:._-+=,".contains(c);
-    let is_word = !word.is_empty() && word.chars().all(is_plain);
-    if is_word { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }
 
 /// Parses an integer from `LOW` to `HIGH`.

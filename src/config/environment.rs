@@ -12,6 +12,7 @@ use super::keys::ENVIRONMENT as KEY;
 use super::layer::{Layer, misplaced};
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
+use crate::text::{excerpt, shell_line};
 
 /// What the agent acts in.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,11 +83,11 @@ impl EnvironmentConfig {
         }
     }
 
-    /// The command of a program, as it can be typed into a shell; none of an environment of this crate.
+    /// The whole command of a program, as it can be typed into a shell; none of an environment of this crate.
     pub fn command(&self) -> Option<String> {
         match self {
             Self::Named(_) => None,
-            Self::Program(program) => Some(program.name()),
+            Self::Program(program) => Some(shell_line(&program.command)),
         }
     }
 
@@ -119,13 +120,9 @@ impl ProgramConfig {
         Self { command, processes: 1, timeout_seconds: 60, task: None, permission: Permission::default() }
     }
 
+    /// The beginning of the command, for messages.
     fn name(&self) -> String {
-        let is_plain = |c: char| c.is_alphanumeric() || "/\\:._-+=,".contains(c);
-        let word = |word: &String| match !word.is_empty() && word.chars().all(is_plain) {
-            true => word.clone(),
-            false => format!("'{}'", word.replace('\'', "'\\''")),
-        };
-        self.command.iter().map(word).collect::<Vec<_>>().join(" ")
+        excerpt(&shell_line(&self.command), 200)
     }
 
     fn refusal(&self) -> EnvironmentError {

@@ -190,9 +190,7 @@ impl Allowed {
                 let is_word = |word: &Value| word.as_str().is_some_and(|word| !word.contains('\0'));
                 words.iter().all(is_word) && words.first().is_some_and(|program| program != "")
             }),
-            Self::Task => {
-                serde_json::from_value::<Spec>(value.clone()).is_ok_and(|task| task.problem().is_none())
-            }
+            Self::Task => serde_json::from_value::<Spec>(value.clone()).is_ok(),
             Self::Integer(low, high) => value.as_u64().is_some_and(|n| (*low..=*high).contains(&n)),
             Self::Number(_, range) => value.as_f64().is_some_and(|number| range.contains(&number)),
             Self::LayerSizes => value.as_array().is_some_and(|sizes| {

@@ -10,6 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, pointer};
 use super::{AGENTS, Config, ConfigError};
+use crate::text::excerpt;
 
 /// The keys that one source sets, each known and within its range.
 pub(super) struct Layer {
@@ -258,7 +259,7 @@ pub(super) fn invalid(origin: &str, key: &str, value: &Value, allowed: String) -
     ConfigError::Value { origin: origin.into(), key: key.into(), value: shown(&value.to_string()), allowed }
 }
 
-/// Shortens a user's text and replaces control characters, for messages.
+/// A user's text in a message.
 fn shown(text: &str) -> String {
-    text.chars().take(80).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+    excerpt(text, 80)
 }

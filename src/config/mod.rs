@@ -32,6 +32,7 @@ use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
 use crate::memory::check_memory;
 use crate::nn::{Init, Loss, NetworkConfig, OptimizerConfig};
+use crate::text::excerpt;
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig, Trainer, TrainerConfig};
 
 pub use difference::difference;
@@ -225,7 +226,7 @@ impl Config {
     /// When the program must not or cannot be started, says nothing that can be used, or its task does not fit the config.
     pub fn ask_task(&mut self) -> Result<(), ConfigError> {
         self.environment.ask()?;
-        self.check(self.environment.command().as_deref().unwrap_or_default())
+        self.check(&excerpt(&self.environment.command().unwrap_or_default(), 200))
     }
 
     fn check(&self, origin: &str) -> Result<(), ConfigError> {

@@ -33,6 +33,16 @@ pub enum Quantity {
 }
 
 impl MapAxis {
+    /// Whether this can be an axis for observations of so many numbers.
+    pub(super) fn fits(&self, observation_size: usize) -> bool {
+        let (low, high) = self.range;
+        let is_there = match self.quantity {
+            Quantity::Coordinate(i) => i < observation_size,
+            Quantity::Angle { cos, sin } => cos.max(sin) < observation_size,
+        };
+        is_there && low < high && (high - low).is_finite() && self.factor.is_normal()
+    }
+
     /// Puts a value of the axis into an observation.
     pub fn write(&self, value: f64, observation: &mut [f32]) {
         let value = value / self.factor;

@@ -13,10 +13,12 @@ pub mod program;
 pub mod scene;
 mod time_limit;
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::mirror::Mirror;
 use crate::rng::Rng;
+use crate::text::steers;
 use map::MapAxis;
 use scene::Scene;
 
@@ -25,8 +27,10 @@ pub use cartpole::CartPole;
 pub use mountain_car::MountainCar;
 pub use time_limit::TimeLimit;
 
-/// What is known of a task before its first step.
+/// What is known of a task before its first step. Whoever reads one, of a program, a config, a study or a checkpoint, gets only
+/// one that is [`checked`](Spec::checked).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")]
 pub struct Spec {
     /// Its name, for example `CartPole-v1`.
     pub id: String,
@@ -67,25 +71,53 @@ impl Spec {
     pub const MAX_ACTIONS: usize = 256;
     /// Longest name in characters.
     const MAX_NAME: usize = 100;
+    /// Largest return.
+    const MAX_RETURN: f64 = 1e30;
 
-    /// What makes this the description of no task; none if nothing does. Another program may have written it.
-    pub fn problem(&self) -> Option<String> {
+    /// The same, if it describes a task.
+    ///
+    /// # Errors
+    /// The first rule that it breaks.
+    pub fn checked(self) -> Result<Self, String> {
+        self.problem().map_or(Ok(self), Err)
+    }
+
+    /// What makes this the description of no task; none if nothing does.
+    fn problem(&self) -> Option<String> {
         let Self { observation_size: size, num_actions, max_steps, return_range: (low, high), .. } = *self;
-        let names = [std::slice::from_ref(&self.id), &self.actions, &self.observations].concat();
-        let is_name = |name: &String| {
-            (1..=Self::MAX_NAME).contains(&name.chars().count()) && !name.chars().any(char::is_control)
-        };
+        let is_short = |name: &str| name.chars().count() <= Self::MAX_NAME && !name.chars().any(steers);
+        let is_name = |name: &String| !name.is_empty() && is_short(name);
+        let is_return = |value: f64| value.abs() <= Self::MAX_RETURN;
+        // Wide enough that its ends, and the marks of an axis between them, differ in f64.
+        let least_width = (1e-9 * low.abs().max(high.abs())).max(1.0 / Self::MAX_RETURN);
+        let is_inside = |value: f64| (low..=high).contains(&value);
+        let mut names = std::iter::once(&self.id).chain(&self.actions).chain(&self.observations);
+        let is_axis = |axis: &MapAxis| is_name(&axis.name) && is_short(&axis.unit) && axis.fits(size);
         let rules = [
             ((1..=Self::MAX_OBSERVATION).contains(&size), "the size of an observation must be 1 to 4096"),
             ((1..=Self::MAX_ACTIONS).contains(&num_actions), "the number of actions must be 1 to 256"),
             ((1..=1_000_000).contains(&max_steps), "`max_steps` must be 1 to 1000000"),
-            (self.solved_return.is_none_or(f64::is_finite), "`solved_return` must be finite"),
-            (low.is_finite() && high.is_finite() && low < high, "`return_range` must be [low, high]"),
+            (self.solved_return.is_none_or(is_return), "`solved_return` must be from -1e30 to 1e30"),
+            (
+                is_return(low) && is_return(high) && high - low >= least_width,
+                "`return_range` must be [low, high] from -1e30 to 1e30, with `high` above `low` by 1e-30 or more, and by a \
+                 billionth of the larger of the two or more",
+            ),
+            (
+                self.solved_return.is_none_or(is_inside),
+                "`solved_return` must be in `return_range`, or no policy or every policy would solve the task",
+            ),
             ((1e-3..=1e6).contains(&self.steps_per_second), "`steps_per_second` must be 0.001 to 1000000"),
-            (self.map.is_none(), "only an environment of this crate has a map"),
             (self.actions.len() == num_actions, "each action must have a name"),
             (self.observations.len() == size, "each number of an observation must have a name"),
-            (names.iter().all(is_name), "a name must have 1 to 100 characters, and no control characters"),
+            (
+                names.all(is_name),
+                "a name must have 1 to 100 characters, and no control characters or hidden ones",
+            ),
+            (
+                self.map.as_ref().is_none_or(|axes| axes.iter().all(is_axis)),
+                "`map` must be two axes with a range [low, high], over numbers of an observation",
+            ),
             (
                 self.mirror.as_ref().is_none_or(|mirror| mirror.fits(size, num_actions)),
                 "`mirror` must be {\"observation\": a pair [index, factor] for each number, \"actions\": an index for each}, \
@@ -98,6 +130,18 @@ impl Spec {
     /// Which mean return solves the task, in words.
     pub fn goal(&self) -> String {
         self.solved_return.map_or_else(|| "of no threshold".into(), |threshold| format!("≥ {threshold}"))
+    }
+}
+
+impl Serialize for Spec {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Spec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::deserialize(deserializer)?.checked().map_err(D::Error::custom)
     }
 }
 

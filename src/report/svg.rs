@@ -93,7 +93,7 @@ pub(super) struct Plot {
 }
 
 impl Plot {
-    /// A plot over the given ranges; an empty range is widened.
+    /// A plot over the given ranges. See [`drawable`] for one that is none.
     pub(super) fn new(
         shape: Shape,
         title: &str,
@@ -101,15 +101,14 @@ impl Plot {
         x: (f64, f64),
         y: (f64, f64),
     ) -> Self {
-        let widened = |(low, high): (f64, f64)| (low, if high > low { high } else { low + 1.0 });
         let title = lines(&visible(title), LINE);
         let more = if shape.labelled { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
         Self {
             shape: Shape { top: shape.top + more, height: shape.height + more, ..shape },
             title,
             labels: [escaped(x_label), escaped(y_label)],
-            x: widened(x),
-            y: widened(y),
+            x: drawable(x),
+            y: drawable(y),
             y_ticks: true,
             is_logarithmic: false,
             marks: String::new(),
@@ -130,7 +129,10 @@ impl Plot {
     }
 
     fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
-        let share = |value: f64, (low, high): (f64, f64)| ((value - low) / (high - low)).clamp(0.0, 1.0);
+        // Halves, as the width of a range of the largest numbers is no number.
+        let share = |value: f64, (low, high): (f64, f64)| {
+            ((value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)).clamp(0.0, 1.0)
+        };
         let Shape { width, height, left, right, top, bottom, .. } = self.shape;
         (
             left + share(x, self.x) * (width - left - right),
@@ -140,7 +142,7 @@ impl Plot {
 
     fn path(&self, points: impl Iterator<Item = (f64, f64)>) -> String {
         let mut path = String::new();
-        for (i, point) in points.enumerate() {
+        for (i, point) in points.filter(|(x, y)| x.is_finite() && y.is_finite()).enumerate() {
             let (x, y) = self.place(point);
             let _ = write!(path, "{}{x:.1},{y:.1}", if i == 0 { "M" } else { "L" });
         }
@@ -158,7 +160,10 @@ impl Plot {
     }
 
     fn line_of_width(&mut self, series: usize, points: &[(f64, f64)], width: &str) {
-        if let [point] = points {
+        if let [point @ (x, y)] = points
+            && x.is_finite()
+            && y.is_finite()
+        {
             // A line through one point has no length.
             let ((x, y), colour) = (self.place(*point), colour(series));
             let _ = writeln!(self.marks, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3" fill="{colour}"/>"#);
@@ -191,6 +196,9 @@ impl Plot {
 
     /// A point at `x` in the height `y` with its interval, and a text above.
     pub(super) fn interval(&mut self, series: usize, y: f64, x: f64, ends: Option<(f64, f64)>, text: &str) {
+        if !x.is_finite() {
+            return;
+        }
         let (middle, height) = self.place((x, y));
         let colour = colour(series);
         if let Some((low, high)) = ends {
@@ -215,6 +223,9 @@ impl Plot {
 
     /// A thin horizontal line with a text.
     pub(super) fn level(&mut self, y: f64, text: &str) {
+        if !y.is_finite() {
+            return;
+        }
         let (left, height) = self.place((self.x.0, y));
         let right = self.shape.width - self.shape.right;
         let _ = writeln!(
@@ -367,35 +378,56 @@ fn dashes(series: usize) -> String {
     }
 }
 
+/// The range that is drawn: what is too narrow for different numbers along an axis is widened.
+fn drawable((low, high): (f64, f64)) -> (f64, f64) {
+    let bounded = |end: f64| if end.is_nan() { 0.0 } else { end.clamp(-1e308, 1e308) };
+    let (low, high) = (bounded(low), bounded(high));
+    let least = (1e-9 * low.abs().max(high.abs())).max(1e-300);
+    if high - low >= least { (low, high) } else { (low, low + least.max(1.0)) }
+}
+
 /// Round numbers in a range, multiples of 1, 2 or 5 times a power of ten, in at most so many steps.
 fn ticks((low, high): (f64, f64), most: f64) -> Vec<f64> {
-    let least = (high - low) / most.max(1.0);
+    let most = most.max(1.0);
+    let least = (high / most - low / most).max(1e-300);
     let power = libm::pow(10.0, libm::log10(least).floor());
     let rounded = [1.0, 2.0, 5.0].map(|factor| factor * power).into_iter().find(|step| *step >= least);
-    let step = rounded.unwrap_or(10.0 * power);
-    let first = (low / step - 1e-9).ceil() as i64;
-    let last = (high / step + 1e-9).floor() as i64;
-    (first..=last).map(|i| i as f64 * step).collect()
+    let step = rounded.unwrap_or(10.0 * power).min(1e308);
+    let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
+    let count = (last - first).clamp(-1.0, most + 1.0) as i64 + 1;
+    // A multiple can lie outside by a rounding error, and two can be the same number.
+    let mut ticks: Vec<f64> = (0..count)
+        .map(|i| ((first + i as f64) * step).max(low).min(high))
+        .filter(|tick| tick.is_finite())
+        .collect();
+    ticks.dedup();
+    ticks
 }
 
-/// The numbers of an axis as they are written there: `50k`, `1.5M`, where any has five digits or more.
+/// The numbers of an axis as they are written there: `50k`, `1.5M`, where any has five digits or more; with as many digits as
+/// it takes to tell them apart.
 fn numbers(ticks: &[f64]) -> Vec<String> {
     let largest = ticks.iter().fold(0.0_f64, |largest, tick| largest.max(tick.abs()));
-    ticks.iter().map(|&tick| number(tick, largest)).collect()
+    let with = |digits| ticks.iter().map(|&tick| number(tick, largest, digits)).collect::<Vec<_>>();
+    let differ = |numbers: &Vec<String>| numbers.windows(2).all(|pair| pair[0] != pair[1]);
+    (1..17).map(with).find(differ).unwrap_or_else(|| with(17))
 }
 
-fn number(value: f64, largest: f64) -> String {
+/// A number with so many digits behind that of a power of ten, or three more behind the point.
+fn number(value: f64, largest: f64, digits: usize) -> String {
     const UNITS: [(f64, &str); 4] = [(1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")];
     if value == 0.0 {
         return "0".into();
     }
+    let trimmed = |text: &str| text.trim_end_matches('0').trim_end_matches('.').to_owned();
     if !(1e-2..1e15).contains(&largest) {
-        return format!("{value:.1e}").replace(".0e", "e");
+        let text = format!("{value:.digits$e}");
+        let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+        return format!("{}e{exponent}", trimmed(mantissa));
     }
     let unit = UNITS.into_iter().find(|(unit, _)| largest >= 1e4 && value.abs() >= *unit);
     let (unit, name) = unit.unwrap_or((1.0, ""));
-    let text = format!("{:.4}", value / unit);
-    format!("{}{name}", text.trim_end_matches('0').trim_end_matches('.'))
+    trimmed(&format!("{:.*}", digits + 3, value / unit)) + name
 }
 
 /// A text as the content of an element, or of an attribute in double quotes.
@@ -405,7 +437,61 @@ pub(super) fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    /// Any finite number, and those at which arithmetic goes wrong.
+    fn finite() -> impl Strategy<Value = f64> {
+        let odd = [0.0, -0.0, 5e-324, 1e-308, f64::MAX, f64::MIN, 1e16, 1.0, 0.1 + 0.2, -1e308];
+        let next = any::<f64>().prop_map(f64::next_up).prop_filter("finite", |x| x.is_finite());
+        prop_oneof![
+            any::<f64>().prop_filter("finite", |x| x.is_finite()),
+            next,
+            -1e6..1e6,
+            proptest::sample::select(odd.to_vec())
+        ]
+    }
+
+    /// Two ends in any order, some of them neighbours.
+    fn range() -> impl Strategy<Value = (f64, f64)> {
+        let neighbours = (finite(), 0_u32..9)
+            .prop_map(|(low, steps)| (low, (0..steps).fold(low, |high, _| high.next_up()).min(f64::MAX)));
+        prop_oneof![(finite(), finite()).prop_map(|(a, b)| (a.min(b), a.max(b))), neighbours]
+    }
+
+    proptest! {
+        #[test]
+        fn the_ticks_of_any_finite_range_ascend_inside_it(range in range(), most in 1.0..20.0) {
+            let ticks = ticks(range, most);
+            prop_assert!(ticks.len() as f64 <= most + 2.0, "{:?}", ticks);
+            prop_assert!(ticks.is_sorted_by(|a, b| a < b), "{:?}", ticks);
+            let is_inside = |tick: &f64| tick.is_finite() && (range.0..=range.1).contains(tick);
+            prop_assert!(ticks.iter().all(is_inside), "{:?}", ticks);
+        }
+
+        #[test]
+        fn a_plot_of_any_numbers_has_different_numbers_along_its_axes(
+            x in range(), y in range(), points in proptest::collection::vec((any::<f64>(), any::<f64>()), 0..5)
+        ) {
+            for (low, high) in [x, y] {
+                let (drawn_low, drawn_high) = drawable((low, high));
+                prop_assert!(drawn_low < drawn_high && (drawn_low..=drawn_high).contains(&low.clamp(-1e308, 1e308)));
+                let numbers = numbers(&ticks((drawn_low, drawn_high), 10.0));
+                prop_assert!(!numbers.is_empty() && numbers.windows(2).all(|pair| pair[0] != pair[1]), "{:?}", numbers);
+            }
+            let mut plot = Plot::new(Shape::FILE, "any", ["x", "y"], x, y);
+            plot.line(0, &points);
+            plot.steps(1, &points);
+            plot.band(2, &points.iter().map(|&(x, y)| (x, y, y)).collect::<Vec<_>>());
+            if let Some(&(x, y)) = points.first() {
+                plot.interval(3, 0.5, x, Some((x, y)), "interval");
+                plot.level(y, "level");
+            }
+            let svg = plot.finish();
+            prop_assert!(!svg.contains("NaN") && !svg.contains("inf\"") && !svg.contains("inf,"), "{}", svg);
+        }
+    }
 
     fn axis(end: f64, most: f64) -> Vec<String> {
         numbers(&ticks((0.0, end), most))

@@ -15,6 +15,7 @@ use crate::config::{Config, difference};
 use crate::env::{EnvironmentError, Spec};
 use crate::files::{Directory, create_folders, is_unfinished, read_text_limited, remove_empty};
 use crate::run::names::MANIFEST;
+use crate::text::excerpt;
 
 /// Version of the files of a study.
 pub const FORMAT_VERSION: u32 = 2;
@@ -57,6 +58,12 @@ impl NamedConfig {
     /// When the environment is a program that was not asked for its task.
     pub fn new(name: String, config: Config) -> Result<Self, EnvironmentError> {
         Ok(Self { name, task: config.environment.spec()?, config })
+    }
+
+    /// Whether the task is that of the config's environment; what a page shows of a task, its map, does not count.
+    fn has_its_own_task(&self) -> bool {
+        let own = self.config.environment.spec();
+        own.is_ok_and(|own| Spec { map: None, ..own } == Spec { map: None, ..self.task.clone() })
     }
 }
 
@@ -121,8 +128,12 @@ impl Study {
         let manifest = read_manifest(folder).map_err(bad)?;
         let study: Self = serde_json::from_value(manifest).map_err(|error| bad(not_a_study(&error)))?;
         let names: BTreeSet<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
-        if names.is_empty() || names.len() < study.configs.len() {
-            return Err(bad(not_a_study(&"it has no config, or two of one name")));
+        if names.is_empty() || names.contains("") || names.len() < study.configs.len() {
+            return Err(bad(not_a_study(&"it has no config, or one without a name, or two of one name")));
+        }
+        if let Some(named) = study.configs.iter().find(|named| !named.has_its_own_task()) {
+            let name = excerpt(&named.name, 100);
+            return Err(bad(not_a_study(&format!("the task of `{name}` is not that of its environment"))));
         }
         let Range { start, end } = study.seeds;
         if end.checked_sub(start).is_none_or(|seeds| seeds > MAX_SEEDS) {

@@ -16,6 +16,8 @@ mod config;
 #[cfg(target_os = "linux")]
 mod disturbed;
 mod documents;
+#[cfg(unix)]
+mod foreign;
 mod golden_physics;
 mod golden_tasks;
 mod golden_update;
@@ -47,12 +49,26 @@ mod study;
 mod tasks;
 mod training;
 
-use std::path::PathBuf;
+#[cfg(unix)]
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 /// A recording: from `CARTPOLE_DQN_GOLDEN` where it is set, else from tests/data.
 fn golden(name: &str) -> serde_json::Value {
-    let folder = std::env::var_os("CARTPOLE_DQN_GOLDEN")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data"), PathBuf::from);
+    recording(&std::env::var_os("CARTPOLE_DQN_GOLDEN").map_or_else(own_recordings, PathBuf::from), name)
+}
+
+fn own_recordings() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data")
+}
+
+/// Says that a test, or a part of one, was left out. The test harness hides what `eprintln` prints.
+#[cfg(unix)]
+fn skipped(what: &str) {
+    let _ = writeln!(std::io::stderr(), "SKIPPED: {what}");
+}
+
+fn recording(folder: &Path, name: &str) -> serde_json::Value {
     let path = folder.join(name);
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_str(&text).unwrap()

@@ -52,7 +52,7 @@ impl Hello {
             mirror: self.mirror,
             map: None,
         };
-        spec.problem().map_or(Ok(spec), Err)
+        spec.checked()
     }
 }
 

@@ -15,6 +15,7 @@ use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::super::EnvironmentError;
 use super::ShowLine;
+use crate::text::{excerpt, shell_line, visible};
 
 /// Longest answer in bytes; a picture may be longer.
 pub(super) const MAX_ANSWER: usize = 1 << 20;
@@ -51,7 +52,7 @@ impl Process {
         timeout: Duration,
         show: ShowLine,
     ) -> Result<Self, EnvironmentError> {
-        let name = shortened(&command.join(" "));
+        let name = excerpt(&shell_line(command), LENGTH);
         let error = |problem: String| EnvironmentError::new(&name, &problem);
         let (program, arguments) =
             command.split_first().ok_or_else(|| error("there is no command".into()))?;
@@ -251,7 +252,7 @@ fn relay(pipe: ChildStderr, name: &str, show: ShowLine, kept: &Mutex<VecDeque<St
     let mut pipe = BufReader::new(pipe);
     let mut line = Vec::new();
     while (&mut pipe).take(MAX_ERROR_LINE).read_until(b'\n', &mut line).is_ok_and(|count| count > 0) {
-        let text = printable(String::from_utf8_lossy(&line).trim_end());
+        let text = visible(String::from_utf8_lossy(&line).trim_end());
         show(name, &text);
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.push_back(shortened(&text));
@@ -262,18 +263,10 @@ fn relay(pipe: ChildStderr, name: &str, show: ShowLine, kept: &Mutex<VecDeque<St
     }
 }
 
-/// The text without what would steer a terminal.
-fn printable(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
-}
+/// Characters of a foreign text in a message.
+const LENGTH: usize = 200;
 
 /// The start of a text, for a message.
 pub(super) fn shortened(text: &str) -> String {
-    const LENGTH: usize = 200;
-    let text = text.trim_end();
-    let mut start = printable(&text.chars().take(LENGTH).collect::<String>());
-    if text.chars().nth(LENGTH).is_some() {
-        start.push('…');
-    }
-    start
+    excerpt(text, LENGTH)
 }
