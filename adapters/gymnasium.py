@@ -11,8 +11,8 @@ import sys
 # Standard output is for answers alone. Whatever a library prints goes to standard error, also from C.
 answers = os.fdopen(os.dup(1), "wb")
 os.dup2(2, 1)
-# This file must not be found in the place of the package.
-sys.path = [path for path in sys.path if os.path.abspath(path) != os.path.dirname(os.path.abspath(__file__))]
+# This file must not be found in the place of the package. A module of one's own may be in the current directory.
+sys.path = [path for path in [*sys.path, os.getcwd()] if os.path.abspath(path) != os.path.dirname(os.path.abspath(__file__))]
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
@@ -27,7 +27,7 @@ import numpy
 
 def parse():
     parser = argparse.ArgumentParser(description="Answers the requests of cartpole-dqn on standard input.")
-    parser.add_argument("id", help='name of the environment, also "module:Name-v0"')
+    parser.add_argument("id", help='name of the environment, also "module:Name-v0" with a module in the current directory')
     parser.add_argument("--max-steps", type=int, help="steps after which an episode is truncated [default: Gymnasium's]")
     parser.add_argument("--return-range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="returns of an episode")
     parser.add_argument("--kwargs", type=json.loads, default={}, help="more arguments of gymnasium.make, as JSON")
@@ -46,7 +46,9 @@ class Task:
             raise ValueError(f"the observation space must be a Box of one dimension, and it is {seen}")
         if not isinstance(done, gymnasium.spaces.Discrete):
             raise ValueError(f"the action space must be Discrete, and it is {done}")
-        max_steps = arguments.max_steps or gymnasium.spec(arguments.id).max_episode_steps
+        # The id as it is registered: making the environment has imported the module before a colon and chosen the version.
+        registered = gymnasium.spec(self.env.spec.id)
+        max_steps = arguments.max_steps or registered.max_episode_steps
         if max_steps is None:
             raise ValueError(f"{arguments.id} has no time limit; give one with --max-steps N")
         self.first_action = int(done.start)
@@ -56,7 +58,7 @@ class Task:
             "observation_size": seen.shape[0],
             "actions": int(done.n),
             "max_steps": max_steps,
-            "solved_return": gymnasium.spec(arguments.id).reward_threshold,
+            "solved_return": registered.reward_threshold,
             "return_range": arguments.return_range,
             "steps_per_second": self.env.metadata.get("render_fps"),
         }

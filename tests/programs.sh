@@ -50,6 +50,38 @@ diff -rq cartpole/checkpoints again/checkpoints || fail 'two runs of one seed di
 cmp cartpole/metrics.jsonl three/metrics.jsonl || fail 'the number of processes changes the metrics'
 "$binary" verify cartpole --allow-command --quiet
 
+# A task in a module of one's own, in which an episode has a limit and a threshold.
+cat > walk_task.py <<'PY'
+import gymnasium
+import numpy
+
+
+class Walk(gymnasium.Env):
+    observation_space = gymnasium.spaces.Box(-10, 10, (1,), numpy.float64)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = self.np_random.uniform(-1, 1)
+        return numpy.array([self.x]), {}
+
+    def step(self, action):
+        self.x += 0.25 if action else -0.25
+        return numpy.array([self.x]), -abs(self.x), abs(self.x) > 2, False, {}
+
+
+gymnasium.register("my/Walk-v3", Walk, max_episode_steps=17, reward_threshold=-5)
+PY
+for name in walk_task:my/Walk-v3 walk_task:my/Walk; do
+    "$binary" train --set "environment=$(adapter "$name")" --set observation_divisors=null "${short[@]}" \
+        --out "own-${#name}"
+    python3 - "own-${#name}" <<'PY'
+import json, sys
+task = json.load(open(f"{sys.argv[1]}/config.json"))["environment"]["task"]
+assert (task["max_steps"], task["solved_return"]) == (17, -5), task
+PY
+done
+
 # What the adapter cannot play is said.
 refused() {
     local words=$1 status=0
