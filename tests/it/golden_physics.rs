@@ -13,14 +13,14 @@ struct Episode {
     truncated: bool,
 }
 
-fn episodes(name: &str) -> Vec<Episode> {
-    let episodes: Vec<Episode> = serde_json::from_value(crate::golden(name)["episodes"].clone()).unwrap();
+fn episodes(recording: &serde_json::Value) -> Vec<Episode> {
+    let episodes: Vec<Episode> = serde_json::from_value(recording["episodes"].clone()).unwrap();
     assert!(!episodes.is_empty());
     episodes
 }
 
-fn every_transition_agrees(name: &str) {
-    for Episode { seed, initial_state, actions, states, terminated, truncated } in episodes(name) {
+fn every_transition_agrees(recording: &serde_json::Value) {
+    for Episode { seed, initial_state, actions, states, terminated, truncated } in episodes(recording) {
         // The time limit counts; the state before each step is the recorded one, because the pole is unstable.
         let mut limit = CartPole::v1();
         let mut observation = [0.0; 4];
@@ -42,8 +42,8 @@ fn every_transition_agrees(name: &str) {
     }
 }
 
-fn every_reset_agrees_to_the_bit(name: &str) {
-    for Episode { seed, initial_state, .. } in episodes(name) {
+fn every_reset_agrees_to_the_bit(recording: &serde_json::Value) {
+    for Episode { seed, initial_state, .. } in episodes(recording) {
         let mut environment = CartPole::v1();
         let mut observation = [0.0; 4];
         environment.reset(Start::Seed(seed), &mut observation).unwrap();
@@ -55,28 +55,26 @@ fn every_reset_agrees_to_the_bit(name: &str) {
 
 #[test]
 fn golden_gymnasium_transitions() {
-    every_transition_agrees("gymnasium_cartpole_v1.json");
+    every_transition_agrees(&crate::golden("gymnasium_cartpole_v1.json"));
 }
 
 #[test]
 fn golden_gymnasium_resets() {
-    every_reset_agrees_to_the_bit("gymnasium_cartpole_v1.json");
+    every_reset_agrees_to_the_bit(&crate::golden("gymnasium_cartpole_v1.json"));
 }
 
 /// Episodes that end on |x|, at the time limit, and on both at once; seeds of two words.
 #[test]
 fn golden_gymnasium_edges() {
-    // A folder of somebody's own recordings need not have this one.
-    if std::env::var_os("CARTPOLE_DQN_GOLDEN").is_some() {
-        return;
-    }
-    every_transition_agrees("gymnasium_cartpole_edges.json");
-    every_reset_agrees_to_the_bit("gymnasium_cartpole_edges.json");
+    // Somebody's own recordings need not have this one.
+    let recording = crate::recording(&crate::own_recordings(), "gymnasium_cartpole_edges.json");
+    every_transition_agrees(&recording);
+    every_reset_agrees_to_the_bit(&recording);
     let ends_on_x = |episode: &Episode| {
         let [x, _, theta, _] = *episode.states.last().unwrap();
         episode.terminated && x.abs() > 2.4 && theta.abs() < 0.2
     };
-    assert!(episodes("gymnasium_cartpole_edges.json").iter().any(ends_on_x));
+    assert!(episodes(&recording).iter().any(ends_on_x));
 }
 
 #[test]

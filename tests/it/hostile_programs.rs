@@ -3,80 +3,14 @@
 
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use cartpole_dqn::env::program::Programs;
 use cartpole_dqn::env::{Environment, EnvironmentError, Start};
 
-/// Answers well, but for what the first argument says. The second argument is a mark that nothing else has.
-const SCRIPT: &str = r#"
-import json, os, signal, sys, time
-mode = sys.argv[1]
-HELLO = {"protocol": 1, "name": "Task", "observation_size": 2, "actions": 2, "max_steps": 10}
-def hello(**changes): return json.dumps({**HELLO, **changes})
-def say(text): sys.stdout.write(text + "\n"); sys.stdout.flush()
-def raw(data): os.write(1, data)
-def sleep(): time.sleep(600)
-def drip():
-    while True: raw(b"1"); time.sleep(0.02)
-def endless(part):
-    while True: raw(part)
-def grandchild():
-    if os.fork() == 0: sleep()
-    os._exit(4)
-def stubborn():
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-def late():
-    say("step 1 0 0 1 2"); time.sleep(0.1); say("step 9 0 0 9 9")
-    if os.fork() == 0: os._exit(0)
-def close():
-    say("step 1 0 0 1 2"); sys.stdin.readline(); os.close(1); sleep()
-def flood():
-    for _ in range(100): os.write(2, b"\x1b[31mno line break " * 1000)
-    os._exit(5)
-AT = {
-    "hello": {
-        "silent": sleep, "drip": drip, "endless line": lambda: endless(b"x" * 65536),
-        "endless lines": lambda: endless(b"step 1\n" * 100), "binary": lambda: raw(b"\xff\xfe\x00\x80\n"),
-        "banner": lambda: say("Welcome to my task!\n" + hello()), "no json": lambda: say("hello yourself"),
-        "list": lambda: say("[1, 2]"), "protocol": lambda: say(hello(protocol=2)),
-        "huge size": lambda: say(hello(observation_size=10**9)), "no actions": lambda: say(hello(actions=0)),
-        "missing": lambda: say('{"protocol": 1, "name": "Task"}'), "huge": lambda: say(hello(name="n" * 2**21)),
-        "names": lambda: say(hello(action_names=["one"])), "steering": lambda: say(hello(name="\x1b[2J")),
-        "mirror": lambda: say(hello(mirror={"observation": [[7, 1], [0, 1]], "actions": [0, 1]})),
-        "error": lambda: say("error no display \x1b[31m"), "killed": lambda: os.kill(os.getpid(), signal.SIGKILL),
-        "import": lambda: __import__("no_such_module"), "grandchild": grandchild, "flood": flood,
-    },
-    "reset": {
-        "dies at reset": lambda: os._exit(3), "silent at reset": sleep, "count": lambda: say("reset 1 2 3"),
-        "random": lambda: say(f"reset {time.time_ns() % 1000} 1"), "empty": lambda: say(""),
-        "words": lambda: say("reset one two"), "stderr": lambda: sys.exit("the disk is on fire"),
-    },
-    "step": {
-        "dies at step": lambda: os._exit(3), "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
-        "ignores SIGTERM": lambda: (stubborn(), sleep()), "nan": lambda: say("step 1 0 0 nan 1"),
-        "infinite": lambda: say("step inf 0 0 1 1"), "large": lambda: say("step 1 0 0 1e300 1"),
-        "flag": lambda: say("step 1 2 0 1 1"), "short": lambda: say("step 1 0 0 1"), "bare": lambda: say("step"),
-        "prints": lambda: say("I go left\nstep 1 0 0 1 2"), "other": lambda: say("reset 1 2"), "late": late,
-        "error at step": lambda: say("error no such action"), "closes": close, "exception": lambda: 1 / 0,
-    },
-    "render": {
-        "frame": lambda: say("frame 10 10 AAAA"), "base64": lambda: say("frame 1 1 ????"),
-        "size": lambda: say("frame 99999 99999 AAAA"), "endless frame": lambda: endless(b"A" * 65536),
-    },
-}
-GOOD = {"hello": hello(), "reset": "reset 0.5 0.25", "step": "step 1 0 0 1 2", "render": "no frame"}
-if mode == "never ends": stubborn()
-for line in sys.stdin:
-    request = line.split()[0]
-    act = AT[request].get(mode)
-    if act: act()
-    else: say(GOOD[request])
-if mode == "never ends": sleep()
-"#;
+use crate::program::compiled;
 
 /// What a program does, and what the message must say.
 const HOSTILE: &[(&str, &[&str])] = &[
@@ -96,11 +30,11 @@ const HOSTILE: &[(&str, &[&str])] = &[
     ("names", &["each action must have a name"]),
     ("steering", &["no control characters"]),
     ("mirror", &["`mirror` must be"]),
-    ("error", &["answered `hello 1` with the error `no display \u{fffd}[31m`"]),
+    ("error", &["answered `hello 1` with the error `no display \\u{1b}[31m`"]),
     ("killed", &["ended (signal: 9 (SIGKILL)) and did not answer `hello 1`"]),
     ("import", &["ended (exit status: 1)", "ModuleNotFoundError"]),
     ("grandchild", &["ended (exit status: 4) and did not answer `hello 1`"]),
-    ("flood", &["ended (exit status: 5)", "\u{fffd}[31mno line break"]),
+    ("flood", &["ended (exit status: 5)", "\\u{1b}[31mno line break"]),
     ("dies at reset", &["ended (exit status: 3) and did not answer `reset 7`"]),
     ("silent at reset", &["did not answer `reset 7` with a line within 5 s"]),
     ("count", &["answered `reset 7` with `reset 1 2 3`", "3 numbers", "`reset` and 2 numbers"]),
@@ -133,9 +67,9 @@ const HOSTILE: &[(&str, &[&str])] = &[
 const SILENT: [&str; 4] = ["silent", "drip", "silent at reset", "ignores SIGTERM"];
 
 fn programs(folder: &Path, mode: &str) -> Arc<Programs> {
-    let script = folder.join("hostile.py");
-    let mark = folder.display().to_string();
-    let command = ["python3".into(), script.display().to_string(), mode.into(), mark];
+    static HOSTILE: OnceLock<String> = OnceLock::new();
+    let program = HOSTILE.get_or_init(|| compiled("tests/programs/hostile.c", "hostile")).clone();
+    let command = [program, mode.into(), folder.display().to_string()];
     // A busy machine takes long to start a program.
     let seconds = if SILENT.contains(&mode) { 5 } else { 60 };
     Arc::new(Programs::new(command.into(), 1, Duration::from_secs(seconds), None, |_, _| {}))
@@ -168,7 +102,6 @@ fn processes(mark: &str) -> Vec<String> {
 #[test]
 fn a_hostile_program_ends_in_a_clear_message_without_a_hang_or_a_process() {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("hostile.py"), SCRIPT).unwrap();
     assert!(HOSTILE.len() >= 30);
     for some in HOSTILE.chunks(8) {
         thread::scope(|scope| {
@@ -178,7 +111,7 @@ fn a_hostile_program_ends_in_a_clear_message_without_a_hang_or_a_process() {
                     let start = Instant::now();
                     let error = play(&programs(folder, mode)).expect_err(mode).to_string();
                     assert!(start.elapsed() < Duration::from_secs(30), "{mode}: {:?}", start.elapsed());
-                    assert!(error.starts_with("the environment python3 "), "{mode}: {error}");
+                    assert!(error.starts_with("the environment /"), "{mode}: {error}");
                     for text in *expected {
                         assert!(error.contains(text), "{mode}: {text:?} is not in: {error}");
                     }
@@ -236,7 +169,6 @@ fn the_time_limit_holds_for_a_program_that_never_reads() {
 #[test]
 fn a_program_that_never_ends_is_ended() {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("hostile.py"), SCRIPT).unwrap();
     let programs = programs(folder.path(), "never ends");
     play(&programs).unwrap();
     let mark = folder.path().display().to_string();

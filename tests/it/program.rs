@@ -1,4 +1,4 @@
-//! Runs whose environment is another program: `adapters/example.c`, and scripts that fail when they are told to.
+//! Runs whose environment is another program: `adapters/example.c`, and programs that fail when they are told to.
 
 use std::fs;
 use std::path::PathBuf;
@@ -14,54 +14,37 @@ use crate::cli::{Sandbox, TINY, sets};
 use crate::resume::assert_same_runs;
 use crate::study::trial_lines;
 
-/// The example in C, compiled once.
-pub(crate) fn example() -> &'static str {
-    static EXAMPLE: OnceLock<String> = OnceLock::new();
-    EXAMPLE.get_or_init(|| {
-        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
-        let (own, program) = (folder.join(format!("dock-{}", std::process::id())), folder.join("dock"));
-        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/adapters/example.c");
-        let compiled = Command::new("cc")
-            .args(["-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-o"])
-            .args([own.as_os_str(), source.as_ref(), "-lm".as_ref()])
-            .status();
-        assert!(compiled.unwrap().success());
-        // Another test process may be running it.
-        fs::rename(own, &program).unwrap();
-        program.display().to_string()
-    })
+/// A program in C, compiled. A machine that builds Rust has a C compiler, and need not have Python.
+pub(crate) fn compiled(source: &str, name: &str) -> String {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    let source = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(source);
+    let (own, program) = (folder.join(format!("{name}-{}", std::process::id())), folder.join(name));
+    let compiled = Command::new("cc")
+        .args(["-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-o"])
+        .args([own.as_os_str(), source.as_ref(), "-lm".as_ref()])
+        .status();
+    assert!(compiled.unwrap().success());
+    // Another test process may be running it.
+    fs::rename(own, &program).unwrap();
+    program.display().to_string()
 }
 
-/// A task of two numbers. If the file `broken` is there, the step with the number in it fails in the first process, which is that
-/// of the training. If the file `moved` is there,
-/// every observation is another one.
-const SCRIPT: &str = r#"
-import json, os, sys
-steps, is_first = 0, not os.path.exists("first")
-open("first", "a").close()
-def read(name): return float(open(name).read()) if os.path.exists(name) else None
-for line in sys.stdin:
-    request, argument = line.split()
-    if request == "hello":
-        print(json.dumps({"protocol": 1, "name": "Walk", "observation_size": 2, "actions": 2, "max_steps": 30}), flush=True)
-        continue
-    if request == "reset":
-        x, time = int(argument) % 1000 / 500 - 1, 0
-        start = ["reset"]
-    else:
-        steps, time = steps + 1, time + 1
-        if is_first and steps == read("broken"):
-            print("the walker stumbles", file=sys.stderr, flush=True)
-            sys.exit(9)
-        x += 0.25 if argument == "1" else -0.25
-        start = ["step", -abs(x), int(abs(x) > 2), 0]
-    print(*start, x + (read("moved") or 0), time / 30, flush=True)
-"#;
+/// The example in C.
+pub(crate) fn example() -> &'static str {
+    static EXAMPLE: OnceLock<String> = OnceLock::new();
+    EXAMPLE.get_or_init(|| compiled("adapters/example.c", "dock"))
+}
+
+/// Starts `tests/programs/walk.c`, which fails when a file says so.
+fn walk() -> String {
+    static WALK: OnceLock<String> = OnceLock::new();
+    format!("exec '{}' \"$@\"\n", WALK.get_or_init(|| compiled("tests/programs/walk.c", "walk")))
+}
 
 /// A sandbox with `train.json`, whose environment is this command.
 pub(crate) fn sandbox(command: &[&str]) -> Sandbox {
     let sandbox = Sandbox::new();
-    sandbox.write("walk.py", SCRIPT);
+    sandbox.write("walk.sh", walk());
     let environment = json!({"command": command});
     let config = json!({
         "environment": environment, "observation_divisors": null, "replay": {"mirror": false},
@@ -71,7 +54,7 @@ pub(crate) fn sandbox(command: &[&str]) -> Sandbox {
     sandbox
 }
 
-const WALK: [&str; 2] = ["python3", "walk.py"];
+const WALK: [&str; 2] = ["sh", "walk.sh"];
 
 pub(crate) fn train<'a>(more: &[&'a str]) -> Vec<&'a str> {
     [&["train", "--config", "train.json"], &sets(TINY)[..], more].concat()
@@ -126,8 +109,8 @@ fn a_program_that_fails_leaves_a_checkpoint_from_which_its_run_is_resumed_exactl
     let failed = sandbox.run(&train(&["--out", "run"])).code(1);
     let message = String::from_utf8(failed.get_output().stderr.clone()).unwrap();
     for expected in [
-        "[python3 walk.py] the walker stumbles",
-        "error: the environment python3 walk.py: it ended (exit status: 9) and did not answer `step ",
+        "[sh walk.sh] the walker stumbles",
+        "error: the environment sh walk.sh: it ended (exit status: 9) and did not answer `step ",
         "The end of its standard error: the walker stumbles",
         "train --resume run --allow-command",
     ] {
@@ -148,7 +131,7 @@ fn a_program_that_fails_leaves_a_checkpoint_from_which_its_run_is_resumed_exactl
 fn no_file_starts_a_program_unless_the_user_allows_it() {
     let sandbox = sandbox(&WALK);
     sandbox.run(&train(&["--out", "run"])).success();
-    sandbox.write("walk.py", "open('started', 'w')");
+    sandbox.write("walk.sh", ": > started");
     for command in [
         &["train", "--resume", "run", "--set", "budget.steps=300"][..],
         &["eval", "run"],
@@ -157,7 +140,7 @@ fn no_file_starts_a_program_unless_the_user_allows_it() {
         &["render", "run", "-o", "run.gif"],
         &["verify", "run"],
     ] {
-        sandbox.refuses(command, &["names a program as its environment", "--allow-command: python3 walk.py"]);
+        sandbox.refuses(command, &["names a program as its environment", "--allow-command: sh walk.sh"]);
     }
     // These need no program.
     sandbox.run(&["inspect", "run"]).success();
@@ -166,9 +149,9 @@ fn no_file_starts_a_program_unless_the_user_allows_it() {
     sandbox.run(&["report", "run", "--html", "page.html"]).success();
     sandbox.run(&["config", "show", "--config", "run/config.json"]).success();
     assert!(!sandbox.path("started").exists());
-    sandbox.write("walk.py", SCRIPT);
+    sandbox.write("walk.sh", walk());
     let said = "note: checkpoint run/checkpoints/best.safetensors names this program as its environment, and --allow-command \
-                starts it: python3 walk.py\n";
+                starts it: sh walk.sh\n";
     sandbox.run(&["eval", "run", "--allow-command", "--episodes", "3"]).success().stderr(said);
     sandbox.run(&["verify", "run", "--allow-command", "--quiet"]).success();
     let resume = ["train", "--resume", "run", "--allow-command", "--set", "budget.steps=300"];
@@ -176,7 +159,7 @@ fn no_file_starts_a_program_unless_the_user_allows_it() {
     sandbox
         .run(&["render", "run", "-o", "run.gif", "--allow-command"])
         .code(1)
-        .stderr(predicate::str::contains("the environment python3 walk.py"));
+        .stderr(predicate::str::contains("the environment sh walk.sh"));
     assert!(!sandbox.path("run.gif").exists());
 }
 
@@ -184,7 +167,7 @@ fn no_file_starts_a_program_unless_the_user_allows_it() {
 fn a_program_with_another_task_than_that_of_its_run_is_refused() {
     let sandbox = sandbox(&WALK);
     sandbox.run(&train(&["--out", "run"])).success();
-    sandbox.write("walk.py", SCRIPT.replace("\"max_steps\": 30", "\"max_steps\": 31"));
+    sandbox.write("walk.sh", walk().replace("\"$@\"", "31"));
     sandbox.run(&["eval", "run", "--allow-command"]).code(1).stderr(
         predicate::str::contains("another task than before")
             .and(predicate::str::contains("\"max_steps\":31")),
@@ -271,19 +254,21 @@ fn a_config_of_a_program_is_checked_before_anything_is_written() {
 
 /// A program that ignores the end of its standard input, and every signal that it can.
 const STUBBORN: &str = r#"
-import signal, sys, time
-for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT): signal.signal(number, signal.SIG_IGN)
-print('{"protocol": 1, "name": "Stubborn", "observation_size": 1, "actions": 2, "max_steps": 1000000}', flush=True)
-sys.stdin.readline()
-for line in sys.stdin:
-    print("reset 0" if line.startswith("reset") else "step 0 0 0 0", flush=True)
-    if line.startswith("step"): open("stepped", "w")
-time.sleep(600)
+trap '' TERM HUP INT
+read -r _
+echo '{"protocol": 1, "name": "Stubborn", "observation_size": 1, "actions": 2, "max_steps": 1000000}'
+while read -r request _; do
+    case $request in
+        reset) echo reset 0 ;;
+        *) echo step 0 0 0 0; : > stepped ;;
+    esac
+done
+sleep 600
 "#;
 
 #[test]
 fn a_program_ends_when_the_run_is_killed() {
-    let sandbox = sandbox(&["python3", "-c", STUBBORN]);
+    let sandbox = sandbox(&["sh", "-c", STUBBORN]);
     let mut child = Command::new(assert_cmd::cargo::cargo_bin!("cartpole-dqn"))
         .current_dir(sandbox.path("."))
         .args(train(&["--out", "run", "--quiet", "--set", "budget.steps=1000000000"]))
