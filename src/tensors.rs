@@ -33,7 +33,8 @@ pub enum TensorError {
     Unexpected { name: String, dtype: Dtype, shape: Vec<usize>, expected: String },
     #[error(
         "holds no policy: the tensors without a prefix must be exactly `0.weight`, `0.bias`, `2.weight`, …, or those of a \
-         `q_table` [bins…, actions]"
+         `q_table` [bins…, actions]. In Python, with the Linear layers of a network in order: save_file({{f\"{{2 * i}}.{{n}}\": \
+         getattr(layer, n).detach() for i, layer in enumerate(layers) for n in (\"weight\", \"bias\")}}, \"policy.safetensors\")"
     )]
     NoPolicy,
     #[error(
@@ -191,11 +192,44 @@ impl Tensors {
         Ok(())
     }
 
+    /// The same under the names that a `torch.nn.Sequential` gives them, and in F32, where the file of another program leaves
+    /// one way to read it: layers whose names differ by their numbers alone, `q_net.0.weight`, `q_net.2.weight`, or `layer1.weight`,
+    /// `layer2.weight`. Numbers behind a dot are places in a Sequential, where an activation takes one too.
+    fn as_sequential(&self) -> Option<Self> {
+        let mut chains: BTreeMap<&str, BTreeMap<usize, &str>> = BTreeMap::new();
+        for name in self.0.keys() {
+            let stem = name.strip_suffix(".weight").or_else(|| name.strip_suffix(".bias"))?;
+            let prefix = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+            chains.entry(prefix).or_default().insert(stem[prefix.len()..].parse().ok()?, stem);
+        }
+        if chains.len() > 1 {
+            chains.retain(|prefix, _| !prefix.contains("target"));
+        }
+        let (prefix, layers) = chains.pop_first().filter(|_| chains.is_empty())?;
+        let step = if prefix.is_empty() || prefix.ends_with('.') { 2 } else { 1 };
+        let numbers: Vec<usize> = layers.keys().copied().collect();
+        let mut renamed = Self::default();
+        for (index, stem) in layers.values().enumerate() {
+            for kind in ["weight", "bias"] {
+                let tensor = self.0.get(&format!("{stem}.{kind}"))?.in_f32();
+                renamed.0.insert(format!("{}.{kind}", 2 * index), tensor);
+            }
+        }
+        numbers.windows(2).all(|pair| pair[0].checked_add(step) == Some(pair[1])).then_some(renamed)
+    }
+
     /// The policy: the network in the unprefixed tensors, whoever wrote them, for a task with these sizes.
     ///
     /// # Errors
     /// When there is none, it is of another shape, or a weight is not finite.
     pub fn network(&self, inputs: usize, outputs: usize) -> Result<Mlp<f32>, TensorError> {
+        match self.as_sequential() {
+            Some(renamed) => renamed.sequential(inputs, outputs),
+            None => self.sequential(inputs, outputs),
+        }
+    }
+
+    fn sequential(&self, inputs: usize, outputs: usize) -> Result<Mlp<f32>, TensorError> {
         let mut sizes = Vec::new();
         for index in 0..MAX_LAYERS {
             let name = format!("{}.weight", 2 * index);
@@ -245,6 +279,32 @@ impl Tensors {
     }
 }
 
+/// What a file is that begins so and is of another format, and how its weights get into a safetensors file.
+pub fn foreign_format(start: &[u8]) -> Option<String> {
+    const TORCH: &str =
+        "from safetensors.torch import save_file; save_file(q_network.state_dict(), \"policy.safetensors\")";
+    const KERAS: &str = "from safetensors.numpy import save_file; save_file({f\"{2 * i}.{n}\": w.T.copy() for i, layer in \
+                         enumerate(l for l in model.layers if l.get_weights()) for n, w in zip((\"weight\", \"bias\"), \
+                         layer.get_weights())}, \"policy.safetensors\")";
+    let is_onnx = matches!(start, [8, _, 0x12, ..]);
+    let (kind, save) = match start {
+        [b'P', b'K', 3, 4, ..] => {
+            ("a zip archive, as torch.save, Stable-Baselines3 and Keras write them", TORCH)
+        }
+        [0x80, 2..=5, ..] => ("a pickle, as Python and old versions of torch.save write them", TORCH),
+        [0x89, b'H', b'D', b'F', ..] => ("an HDF5 file, as Keras writes them", KERAS),
+        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => ("an array of NumPy", TORCH),
+        _ if is_onnx => ("an ONNX file", TORCH),
+        _ => return None,
+    };
+    let keras = if kind.contains("Keras") && save == TORCH {
+        ", or of a Keras model as in docs/interop.md"
+    } else {
+        ""
+    };
+    Some(format!("is {kind}, and no safetensors file. Save the weights as one, in Python: {save}{keras}"))
+}
+
 /// SHA-256 in lower-case hexadecimal.
 pub fn sha256<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
     use sha2::Digest as _;
@@ -263,6 +323,15 @@ fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
 }
 
 impl Tensor {
+    /// The same with F64 rounded to F32.
+    fn in_f32(&self) -> Self {
+        if self.dtype != Dtype::F64 {
+            return self.clone();
+        }
+        let values: Vec<f32> = f64::from_bytes(&self.bytes).into_iter().map(|value| value as f32).collect();
+        Self { dtype: Dtype::F32, shape: self.shape.clone(), bytes: f32::to_bytes(&values) }
+    }
+
     fn unexpected(&self, name: &str, expected: String) -> TensorError {
         TensorError::Unexpected {
             name: name.to_owned(),

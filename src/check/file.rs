@@ -1,7 +1,7 @@
 //! One update in a `.safetensors` file, whoever computed it. docs/check.md describes the layout.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::files::read_limited;
 use crate::nn::{Loss, Mlp};
+use crate::tensors::foreign_format;
 use crate::text::shown;
 
 /// Largest file that is read, in bytes.
@@ -151,6 +152,12 @@ pub enum Problem {
     Unreadable(io::Error),
     #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
+    #[error("{0}")]
+    Foreign(String),
+    #[error(
+        "holds a policy, which `eval` plays, and no update; docs/check.md has functions to paste that write an update"
+    )]
+    Policy,
     #[error("has no tensor `{name}`; expected {expected}")]
     Missing { name: String, expected: String },
     #[error("tensor `{name}` is {found}; expected {expected}")]
@@ -191,12 +198,32 @@ impl Update {
             .map_err(|problem| UpdateError { path: path.to_owned(), problem })
     }
 
+    /// Reads a stream whole; `path` is what errors call it.
+    ///
+    /// # Errors
+    /// See [`Self::read`].
+    pub fn read_from(stream: impl Read, path: &Path) -> Result<Self, UpdateError> {
+        let mut bytes = Vec::new();
+        let read = match stream.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes) {
+            Ok(size) if size as u64 > MAX_FILE_SIZE => {
+                let message = format!("larger than {MAX_FILE_SIZE} bytes");
+                Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
+            }
+            read => read,
+        };
+        read.map_err(Problem::Unreadable)
+            .and_then(|_| Self::from_bytes(&bytes))
+            .map_err(|problem| UpdateError { path: path.to_owned(), problem })
+    }
+
     /// Parses the content of a file.
     ///
     /// # Errors
     /// See [`Self::read`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
-        let damaged = |error: safetensors::SafeTensorError| Problem::NotSafetensors(error.to_string());
+        let damaged = |error: safetensors::SafeTensorError| {
+            foreign_format(bytes).map_or_else(|| Problem::NotSafetensors(error.to_string()), Problem::Foreign)
+        };
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let settings = metadata.metadata().as_ref().and_then(|metadata| metadata.get(SETTINGS));
         let settings = settings.map_or(Ok(Settings::default()), |text| serde_json::from_str(text));
@@ -205,6 +232,9 @@ impl Update {
         let safetensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
         let mut file =
             Tensors { views: safetensors.iter().map(|(name, view)| (name.to_owned(), view)).collect() };
+        if file.views.contains_key("0.weight") {
+            return Err(Problem::Policy);
+        }
         let update = file.update(settings)?;
         match file.views.pop_first() {
             Some((name, _)) => Err(Problem::UnknownTensor(name)),

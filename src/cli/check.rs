@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
+use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, print, print_json};
 use crate::check::{EpsilonPlace, Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
 use crate::text::shown;
@@ -23,7 +24,7 @@ const INDENT: usize = 11;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn check update.safetensors")]
 pub(super) struct Arguments {
-    /// The update, a .safetensors file
+    /// The update, a .safetensors file; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Print the verdict as JSON, alone on standard output
@@ -47,13 +48,19 @@ struct Record<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let update = Update::read(&arguments.file)?;
+    let (file, update) = if is_standard_input(&arguments.file) {
+        let file = PathBuf::from("standard input");
+        let update = Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, &file)?;
+        (file, update)
+    } else {
+        (arguments.file.clone(), Update::read(&arguments.file)?)
+    };
     let verdict = check(&update);
     if arguments.json {
-        let file = shown(&arguments.file);
+        let file = shown(&file);
         print_json(&Record { file, settings: update.settings, verdict: &verdict })?;
     } else {
-        print(&describe(&shown(&arguments.file), &update, &verdict))?;
+        print(&describe(&shown(&file), &update, &verdict))?;
     }
     if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
 }

@@ -90,12 +90,14 @@ impl Programs {
 }
 
 /// Shows a line of the standard error of a program.
-fn show_line(program: &str, line: &str) {
+fn show_line(program: &str, line: &str) -> bool {
     let mut stderr = io::stderr().lock();
     // The line takes the place of a progress bar, which is drawn again below it.
     let erase = if stderr.is_terminal() { "\r\x1b[2K" } else { "" };
     // A closed stderr leaves nobody to tell.
-    let _ = writeln!(stderr, "{erase}[{}] {}", escaped(program), escaped(line));
+    writeln!(stderr, "{erase}[{}] {}", escaped(program), escaped(line)).is_ok()
 }
 
-fn show_nothing(_: &str, _: &str) {}
+fn show_nothing(_: &str, _: &str) -> bool {
+    false
+}

@@ -20,6 +20,20 @@ use crate::text::shown;
 
 /// Standard input or output, where a file can be given.
 pub(super) const STANDARD: &str = "-";
+/// Whether a path is standard input, under one of the names that it has.
+pub(super) fn is_standard_input(path: &Path) -> bool {
+    [STANDARD, "/dev/stdin", "/dev/fd/0", "/proc/self/fd/0"].iter().any(|name| path == Path::new(name))
+}
+
+/// Standard input, to which `example` sends a file.
+pub(super) fn standard_input(example: &str) -> Result<io::StdinLock<'static>, Failure> {
+    let stdin = io::stdin().lock();
+    match stdin.is_terminal() {
+        true => Err(Failure::BadInput(format!("standard input is a terminal; send a file to it: {example}"))),
+        false => Ok(stdin),
+    }
+}
+
 /// The environment where nothing says another one.
 pub(super) const DEFAULT_ENVIRONMENT: EnvironmentId = EnvironmentId::CartPoleV1;
 /// Longest line that could be a study's trial, in bytes.
@@ -64,7 +78,7 @@ impl Place {
     pub(super) fn find(&self, quiet: bool) -> Result<Found, Failure> {
         let typed = self.path.as_ref().or(self.checkpoint.as_ref());
         let place = match typed {
-            Some(place) if place == Path::new(STANDARD) => return self.read_standard_input(),
+            Some(place) if is_standard_input(place) => return self.read_standard_input(),
             Some(place) => place.clone(),
             None => {
                 let run = newest_with_policy(Path::new(RUNS))?;
@@ -105,13 +119,7 @@ impl Place {
 
     fn read_standard_input(&self) -> Result<Found, Failure> {
         let file = PathBuf::from("standard input");
-        let mut stdin = io::stdin().lock();
-        if stdin.is_terminal() {
-            return Err(Failure::BadInput(
-                "standard input is a terminal; send a checkpoint to it: cartpole-dqn eval - < last.safetensors"
-                    .into(),
-            ));
-        }
+        let mut stdin = standard_input("cartpole-dqn eval - < last.safetensors")?;
         let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
             .map_err(|problem| CheckpointError { path: file.clone(), problem })?;
         self.found(STANDARD.into(), file, checkpoint)

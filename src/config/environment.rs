@@ -4,7 +4,8 @@
 use std::fmt;
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::ConfigError;
@@ -15,13 +16,24 @@ use crate::env::{EnvironmentError, Make, Spec};
 use crate::text::{excerpt, shell_line};
 
 /// What the agent acts in.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum EnvironmentConfig {
     /// An environment of this crate.
     Named(EnvironmentId),
     /// Another program.
     Program(Box<ProgramConfig>),
+}
+
+impl<'de> Deserialize<'de> for EnvironmentConfig {
+    /// By hand, because an untagged enum would not say what is wrong with a program.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let config = match Value::deserialize(deserializer)? {
+            name @ Value::String(_) => EnvironmentId::deserialize(name).map(Self::Named),
+            program => ProgramConfig::deserialize(program).map(|program| Self::Program(Box::new(program))),
+        };
+        config.map_err(D::Error::custom)
+    }
 }
 
 /// A program that is an environment, see `docs/environments.md`.

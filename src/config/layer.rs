@@ -10,6 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, pointer};
 use super::{AGENTS, Config, ConfigError};
+use crate::env::Spec;
 use crate::text::excerpt;
 
 /// The keys that one source sets, each known and within its range.
@@ -100,6 +101,14 @@ impl Layer {
                 // No name, and no program either.
                 Some(Key { allowed: allowed @ Allowed::NameOr(..), .. }) if is_empty() => allowed.to_string(),
                 Some(Key { allowed, .. }) if allowed.admits(value) => continue,
+                Some(Key { allowed: allowed @ Allowed::NameOr(..), .. }) => format!(
+                    "{allowed}; adapters/gymnasium.py is a program that plays Gymnasium's environments, and \
+                     configs/lunar_lander.json a config with it"
+                ),
+                Some(Key { allowed: allowed @ Allowed::Task, .. }) => {
+                    let problem = serde_json::from_value::<Spec>(value.clone()).err();
+                    format!("{allowed}: {}", problem.map_or_else(String::new, |error| error.to_string()))
+                }
                 Some(Key { allowed, .. }) => allowed.to_string(),
                 None if members.is_empty() => {
                     return Err(key_error(&self.origin, "unknown key", key, nearest_key(key)));

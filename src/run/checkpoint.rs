@@ -14,7 +14,7 @@ use crate::agent::Policy;
 use crate::env::Spec;
 use crate::files::{Directory, open_ordinary, read_limited, write_whole};
 use crate::memory::check_memory;
-use crate::tensors::{TensorError, Tensors, sha256};
+use crate::tensors::{TensorError, Tensors, foreign_format, sha256};
 use crate::trainer::ResumeError;
 
 /// The version of the layout, the only one that this program reads. It is raised whenever an old reader would misread a
@@ -75,6 +75,8 @@ pub enum CheckpointProblem {
     Unreadable(io::Error),
     #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
+    #[error("{0}")]
+    Foreign(String),
     #[error("is damaged: its content does not match the SHA-256 in it")]
     WrongSha256,
     #[error(transparent)]
@@ -149,8 +151,7 @@ impl Checkpoint {
     /// # Errors
     /// When it is not a whole safetensors file, or not as it was written.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, CheckpointProblem> {
-        let damaged =
-            |error: safetensors::SafeTensorError| CheckpointProblem::NotSafetensors(error.to_string());
+        let damaged = |error: safetensors::SafeTensorError| no_safetensors(bytes, error.to_string());
         let (header_length, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let tensors = Tensors::from_safetensors(bytes).map_err(damaged)?;
         let metadata = metadata.metadata().clone().unwrap_or_default();
@@ -229,10 +230,14 @@ impl Checkpoint {
     }
 }
 
+/// Bytes that begin so are no whole safetensors file, for this reason.
+fn no_safetensors(start: &[u8], reason: String) -> CheckpointProblem {
+    foreign_format(start).map_or(CheckpointProblem::NotSafetensors(reason), CheckpointProblem::Foreign)
+}
+
 /// Checks the length of a file against what its header says.
 fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     const LENGTH: usize = size_of::<u64>();
-    let damaged = |reason: &str| CheckpointProblem::NotSafetensors(reason.into());
     let mut file = open_ordinary(path).map_err(CheckpointProblem::Unreadable)?;
     let size = file.metadata().map_err(CheckpointProblem::Unreadable)?.len();
     if size > MAX_FILE_SIZE {
@@ -240,7 +245,9 @@ fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
         return Err(CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
     }
     let mut length = [0; LENGTH];
-    file.read_exact(&mut length).map_err(|_| damaged("shorter than 8 bytes"))?;
+    file.read_exact(&mut length)
+        .map_err(|_| CheckpointProblem::NotSafetensors("shorter than 8 bytes".into()))?;
+    let damaged = |reason: &str| no_safetensors(&length, reason.into());
     let length = u64::from_le_bytes(length);
     let data = size.checked_sub(LENGTH as u64).and_then(|rest| rest.checked_sub(length));
     let data = data.filter(|_| length <= MAX_HEADER_SIZE).ok_or_else(|| damaged("its header is too long"))?;

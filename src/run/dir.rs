@@ -177,9 +177,10 @@ impl RunDir {
     /// The config of the run in the directory.
     pub fn read_config(&self) -> Result<Config, RunError> {
         if !self.path.is_dir() {
+            let problem = if self.path.exists() { "is not a directory" } else { "does not exist" };
             return Err(bad(
                 &self.path,
-                "is not a directory; give the directory of a run, such as runs/my-run",
+                format!("{problem}; give the directory of a run, such as runs/my-run"),
             ));
         }
         let path = self.config();

@@ -364,6 +364,22 @@ fn replaced(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
 }
 
 #[test]
+fn an_update_can_come_from_standard_input_and_a_policy_is_none() {
+    let sandbox = Sandbox::with_run();
+    let explain = ["explain", "--update", "90", "--out", "right.safetensors"];
+    sandbox.run(&[&explain[..], &sets(TINY)].concat()).success();
+    let right = std::fs::read(sandbox.path("right.safetensors")).unwrap();
+    for place in ["-", "/dev/stdin"] {
+        let sent = sandbox.command(&["check", place]).write_stdin(right.clone()).assert().success();
+        assert!(String::from_utf8_lossy(&sent.get_output().stdout).contains("file       standard input"));
+        sandbox.command(&["check", place]).write_stdin(&right[..99]).assert().code(2);
+    }
+    for policy in ["run/checkpoints/best.safetensors", "run/checkpoints/last.safetensors"] {
+        sandbox.refuses(&["check", policy], &["holds a policy", "docs/check.md"]);
+    }
+}
+
+#[test]
 fn what_is_wrong_with_a_file_is_named_with_what_is_expected() {
     let sandbox = Sandbox::new();
     let explain = ["explain", "--update", "90", "--out", "right.safetensors"];

@@ -114,6 +114,101 @@ fn refuses_networks_that_do_not_fit_the_task() {
 }
 
 #[test]
+fn plays_a_policy_under_the_names_of_other_programs() {
+    let returns = |sandbox: &Sandbox| {
+        let arguments = ["eval", "--checkpoint", FOREIGN, "--episodes", "3", "--seed", "7", "--json"];
+        stdout_json(&sandbox.run(&arguments).success())["returns"].clone()
+    };
+    let sandbox = Sandbox::new();
+    write_foreign(&sandbox, &FOLLOW_THE_POLE);
+    let expected = returns(&sandbox);
+    let [(_, weight, weights), (_, bias, biases), (_, weight2, weights2), (_, bias2, biases2)] =
+        FOLLOW_THE_POLE;
+    let under = |first: &str, second: &str| {
+        let names = [first, second].map(|stem| ["weight", "bias"].map(|kind| format!("{stem}.{kind}")));
+        let shapes = [[(weight, weights), (bias, biases)], [(weight2, weights2), (bias2, biases2)]];
+        let both = names.into_iter().flatten().zip(shapes.into_iter().flatten());
+        both.map(|(name, (shape, values))| (name, shape, values)).collect::<Vec<_>>()
+    };
+    fn borrowed<'a>(
+        tensors: &'a [(String, &'a [usize], &'a [f32])],
+    ) -> Vec<(&'a str, &'a [usize], &'a [f32])> {
+        tensors.iter().map(|(name, shape, values)| (name.as_str(), *shape, *values)).collect()
+    }
+    for [first, second] in
+        [["network.0", "network.2"], ["q_net.q_net.0", "q_net.q_net.2"], ["layer1", "layer2"], ["1", "3"]]
+    {
+        let own = under(first, second);
+        write_foreign(&sandbox, &borrowed(&own));
+        assert_eq!(returns(&sandbox), expected, "{first}");
+        // A target network beside it is not meant.
+        let target = under(&format!("target_{first}"), &format!("target_{second}"));
+        write_foreign(&sandbox, &borrowed(&[own, target].concat()));
+        assert_eq!(returns(&sandbox), expected, "{first} with a target network");
+    }
+    // No activation between, two networks, and a gap that could be a layer of its own.
+    let (a, b) = (under("a.0", "a.2"), under("b.0", "b.2"));
+    for tensors in [under("0", "1"), [a, b].concat(), under("a.0", "a.5"), under("layer1", "out")] {
+        write_foreign(&sandbox, &borrowed(&tensors));
+        sandbox.refuses(
+            &["eval", FOREIGN],
+            &["holds no policy", "save_file({f\"{2 * i}.{n}\": getattr(layer, n)"],
+        );
+    }
+}
+
+#[test]
+fn plays_the_f64_of_numpy() {
+    let sandbox = Sandbox::new();
+    write_foreign(&sandbox, &FOLLOW_THE_POLE);
+    let eval = ["eval", FOREIGN, "--episodes", "3", "--json"];
+    let expected = stdout_json(&sandbox.run(&eval).success())["returns"].clone();
+    let wide = FOLLOW_THE_POLE.map(|(name, shape, values)| {
+        let bytes: Vec<u8> = values.iter().flat_map(|&value| f64::from(value).to_le_bytes()).collect();
+        (name, shape, bytes)
+    });
+    let views = wide
+        .iter()
+        .map(|(name, shape, bytes)| (*name, TensorView::new(Dtype::F64, shape.to_vec(), bytes).unwrap()));
+    sandbox.write(FOREIGN, safetensors::serialize(views, None).unwrap());
+    assert_eq!(stdout_json(&sandbox.run(&eval).success())["returns"], expected);
+}
+
+#[test]
+fn says_what_a_file_of_another_format_is_and_how_its_weights_are_saved() {
+    let sandbox = Sandbox::new();
+    let rest = [7_u8; 100];
+    for (name, start, kind) in [
+        ("policy.pt", &b"PK\x03\x04\x14\0\0\0"[..], "a zip archive"),
+        ("model.keras", b"PK\x03\x04\x14\0\0\0", "a zip archive"),
+        ("model.h5", b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
+        ("policy.pkl", b"\x80\x04\x95\x10\0\0\0\0", "a pickle"),
+        ("weights.npy", b"\x93NUMPY\x01\0", "an array of NumPy"),
+        ("policy.onnx", b"\x08\x07\x12\x07pytorch", "an ONNX file"),
+    ] {
+        sandbox.write(name, [start, &rest].concat());
+        let words = [name, kind, "no safetensors file", "import save_file; save_file("];
+        for command in [&["eval", name][..], &["inspect", name], &["check", name]] {
+            sandbox.refuses(command, &words);
+        }
+        let sent = sandbox.command(&["eval", "-"]).write_stdin([start, &rest].concat()).assert().code(2);
+        assert!(String::from_utf8_lossy(&sent.get_output().stderr).contains(kind));
+    }
+}
+
+#[test]
+fn standard_input_has_two_names() {
+    let sandbox = Sandbox::with_run();
+    let best = std::fs::read(sandbox.path(BEST)).unwrap();
+    let eval = |place: &str| {
+        let sent =
+            sandbox.command(&["eval", place, "--episodes", "2", "--json"]).write_stdin(best.clone()).assert();
+        stdout_json(&sent.success())["returns"].clone()
+    };
+    assert_eq!(eval("-"), eval("/dev/stdin"));
+}
+
+#[test]
 fn plays_a_file_of_another_program_and_traces_every_step() {
     let sandbox = Sandbox::new();
     write_foreign(&sandbox, &FOLLOW_THE_POLE);

@@ -370,9 +370,7 @@ fn a_signal_during_a_long_step_is_noticed_at_once_and_a_second_one_ends_it() {
     let sandbox = Sandbox::new();
     // A single learning step that takes hours.
     let long = ["--set", "learn.updates=4000000000", "--log-every", "1"];
-    let interrupt = |child: &std::process::Child| {
-        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    };
+    let interrupt = |child: &std::process::Child| crate::signals::kill(child, "-INT");
     // On a busy machine the first signal can come before the long step; that run just stops.
     let is_noticed = |attempt: u64| {
         let out = format!("run{attempt}");

@@ -96,7 +96,7 @@ fn readers(folder: &Path, study: &Value, task: &Value) -> Vec<(&'static str, Opt
     fs::write(folder.join("hello.json"), hello.to_string() + "\n").unwrap();
     let answer = format!("read -r _; cat '{}'; read -r _", folder.join("hello.json").display());
     let command = vec!["sh".to_owned(), "-c".into(), answer];
-    let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(60), None, |_, _| {}));
+    let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(60), None, |_, _| false));
     let text = |error: &dyn std::fmt::Display| error.to_string();
     vec![
         ("a task alone", serde_json::from_value::<Spec>(task.clone()).err().map(|error| text(&error))),

@@ -72,7 +72,7 @@ fn programs(folder: &Path, mode: &str) -> Arc<Programs> {
     let command = [program, mode.into(), folder.display().to_string()];
     // A busy machine takes long to start a program.
     let seconds = if SILENT.contains(&mode) { 5 } else { 60 };
-    Arc::new(Programs::new(command.into(), 1, Duration::from_secs(seconds), None, |_, _| {}))
+    Arc::new(Programs::new(command.into(), 1, Duration::from_secs(seconds), None, |_, _| false))
 }
 
 /// An episode, and a picture of its end.
@@ -135,7 +135,7 @@ fn a_program_that_cannot_be_started_is_an_error() {
         (vec![], "there is no command"),
     ] {
         let command = command.into_iter().map(String::from).collect();
-        let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(5), None, |_, _| {}));
+        let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(5), None, |_, _| false));
         let error = programs.task().expect_err(expected).to_string();
         assert!(error.contains(expected), "{error}");
     }

@@ -111,11 +111,15 @@ fn a_program_that_fails_leaves_a_checkpoint_from_which_its_run_is_resumed_exactl
     for expected in [
         "[sh walk.sh] the walker stumbles",
         "error: the environment sh walk.sh: it ended (exit status: 9) and did not answer `step ",
-        "The end of its standard error: the walker stumbles",
         "train --resume run --allow-command",
     ] {
         assert!(message.contains(expected), "{expected:?} is not in: {message}");
     }
+    assert_eq!(
+        message.matches("the walker stumbles").count(),
+        1,
+        "what was shown is not repeated: {message}"
+    );
     let resume = ["train", "--resume", "run", "--allow-command"];
     sandbox.write("moved", "0.5");
     sandbox.write("broken", "0");

@@ -253,8 +253,7 @@ fn resume_takes_no_other_run_config_or_folder() {
         let arguments = [&["train", "--resume", "run"], flag].concat();
         sandbox.refuses(&arguments, &["--resume", flag[0], "cannot be used with"]);
     }
-    sandbox
-        .refuses(&["train", "--resume", "nowhere"], &["directory nowhere is not a directory", "runs/my-run"]);
+    sandbox.refuses(&["train", "--resume", "nowhere"], &["directory nowhere does not exist", "runs/my-run"]);
     sandbox.refuses(&["train", "--resume", LAST], &["is not a directory", "runs/my-run"]);
     sandbox.refuses(&["train", "--resume", "."], &["does not hold a run", "config.json", "No such file"]);
     sandbox.write("run/config.json", "{\"gamma\": 7}");
@@ -420,7 +419,7 @@ fn verify_takes_a_run_that_has_not_ended_up_to_its_checkpoint() {
     sandbox.run(&["verify", "run"]).success().stdout(said.unwrap());
     fs::remove_file(sandbox.path(LAST)).unwrap();
     sandbox.refuses(&["verify", "run"], &[LAST, "No such file"]);
-    sandbox.refuses(&["verify", "nowhere"], &["nowhere is not a directory"]);
+    sandbox.refuses(&["verify", "nowhere"], &["nowhere does not exist"]);
 }
 
 #[test]

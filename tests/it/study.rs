@@ -204,8 +204,7 @@ fn a_signal_ends_a_study_which_says_how_to_resume_it() {
         }
         // The trials begin after that.
         std::thread::sleep(std::time::Duration::from_millis(300));
-        let id = child.id().to_string();
-        assert!(std::process::Command::new("kill").args([signal, &id]).status().unwrap().success());
+        crate::signals::kill(&child, signal);
         let output = child.wait_with_output().unwrap();
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!((output.status.code(), &output.stdout[..]), (Some(exit_code), &b""[..]), "{message}");

@@ -253,13 +253,15 @@ fn relay(pipe: ChildStderr, name: &str, show: ShowLine, kept: &Mutex<VecDeque<St
     let mut line = Vec::new();
     while (&mut pipe).take(MAX_ERROR_LINE).read_until(b'\n', &mut line).is_ok_and(|count| count > 0) {
         let text = visible(String::from_utf8_lossy(&line).trim_end());
-        show(name, &text);
+        line.clear();
+        if show(name, &text) {
+            continue;
+        }
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.push_back(shortened(&text));
         if kept.len() > LAST_LINES {
             kept.pop_front();
         }
-        line.clear();
     }
 }
 
