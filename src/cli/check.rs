@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::policy::{is_standard_input, standard_input};
-use super::ui::{Failure, print, print_json};
+use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::{EpsilonPlace, Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
 use crate::text::shown;
 
@@ -34,7 +34,7 @@ pub(super) struct Arguments {
 
 impl From<UpdateError> for Failure {
     fn from(error: UpdateError) -> Self {
-        Self::BadInput(error.to_string())
+        Self::BadInput(on_one_line(&error))
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::output::Output;
-use super::ui::{Failure, cannot_write, note, print, print_json};
+use super::ui::{Failure, cannot_write, note, on_one_line, print, print_json};
 use crate::files::{Directory, create_folders, write_whole};
 use crate::report::{self, Report, ReportError};
 use crate::run::names::REPORT;
@@ -34,7 +34,7 @@ pub(super) struct Arguments {
 
 impl From<ReportError> for Failure {
     fn from(error: ReportError) -> Self {
-        Self::BadInput(error.to_string())
+        Self::BadInput(on_one_line(&error))
     }
 }
 

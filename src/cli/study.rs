@@ -15,7 +15,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::permission::{AllowCommand, Programs};
 use super::plan;
 use super::signals::Signals;
-use super::ui::{Failure, cannot_write, check_out, note, print};
+use super::ui::{Failure, cannot_write, check_out, note, on_one_line, print};
 use super::variations::{Variations, configs};
 use crate::env::Spec;
 use crate::report;
@@ -88,12 +88,12 @@ impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
         match error {
             StudyError::Unwritable { path, source } => cannot_write(&path, &source, "; choose another --out"),
-            StudyError::Write { ref source, .. } => match Self::unwritten(error.to_string(), source) {
+            StudyError::Write { ref source, .. } => match Self::unwritten(on_one_line(&error), source) {
                 Self::Failed(message) => Self::Disturbed(message),
                 bad_input => bad_input,
             },
             StudyError::Folder { .. } | StudyError::Line { .. } | StudyError::Unreadable { .. } => {
-                Self::BadInput(error.to_string())
+                Self::BadInput(on_one_line(&error))
             }
         }
     }

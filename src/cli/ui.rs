@@ -87,7 +87,7 @@ impl From<RunError> for Failure {
             RunError::Unwritable { ref source, .. } => Self::unwritten(error.to_string(), source),
             RunError::Failed(message) => Self::Failed(message),
             RunError::Directory { .. } | RunError::BadInput(_) | RunError::Config(_) => {
-                Self::BadInput(error.to_string())
+                Self::BadInput(on_one_line(&error))
             }
         }
     }

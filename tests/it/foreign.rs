@@ -137,6 +137,12 @@ fn a_study_whose_task_is_not_that_of_its_environment_is_refused() {
     sandbox.run(&study).success();
     sandbox.run(&["report", "s"]).success();
     let good = sandbox.json("s/study.json");
+    // The message is one line, whatever stands in the file.
+    let mut study = good.clone();
+    study["configs"][0]["config"]["loss"] = json!("mse\nnote: all is well");
+    sandbox.write("s/study.json", study.to_string());
+    let refused = sandbox.run(&["report", "s"]).code(2);
+    assert_eq!(String::from_utf8_lossy(&refused.get_output().stderr).lines().count(), 1);
     for (key, value) in
         [("solved_return", json!(1.0)), ("return_range", json!([0.0, 1000.0])), ("id", json!("Other"))]
     {

@@ -66,10 +66,14 @@ const HOSTILE: &[(&str, &[&str])] = &[
 /// Programs that are silent, and wait to be ended.
 const SILENT: [&str; 4] = ["silent", "drip", "silent at reset", "ignores SIGTERM"];
 
-fn programs(folder: &Path, mode: &str) -> Arc<Programs> {
+/// The path of the program, which does what its first argument says.
+fn hostile() -> String {
     static HOSTILE: OnceLock<String> = OnceLock::new();
-    let program = HOSTILE.get_or_init(|| compiled("tests/programs/hostile.c", "hostile")).clone();
-    let command = [program, mode.into(), folder.display().to_string()];
+    HOSTILE.get_or_init(|| compiled("tests/programs/hostile.c", "hostile")).clone()
+}
+
+fn programs(folder: &Path, mode: &str) -> Arc<Programs> {
+    let command = [hostile(), mode.into(), folder.display().to_string()];
     // A busy machine takes long to start a program.
     let seconds = if SILENT.contains(&mode) { 5 } else { 60 };
     Arc::new(Programs::new(command.into(), 1, Duration::from_secs(seconds), None, |_, _| false))
@@ -141,24 +145,11 @@ fn a_program_that_cannot_be_started_is_an_error() {
     }
 }
 
-/// Answers when there is something to read, and never reads it.
-const DEAF: &str = r#"
-import fcntl, struct, sys, termios, time
-fcntl.fcntl(0, 1031, 8192)
-print('{"protocol": 1, "name": "Deaf", "observation_size": 1, "actions": 2, "max_steps": 1000000}', flush=True)
-seen = 8
-while True:
-    waiting = struct.unpack("i", fcntl.ioctl(0, termios.FIONREAD, b"0000"))[0]
-    if waiting > seen:
-        seen = waiting
-        print("reset 0" if waiting < 43 else "step 0 0 0 0", flush=True)
-"#;
-
 #[test]
 #[cfg(target_os = "linux")]
 fn the_time_limit_holds_for_a_program_that_never_reads() {
-    let command = ["python3", "-c", DEAF].map(String::from).to_vec();
-    let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(2), None, |_, _| {}));
+    let command = vec![hostile(), "deaf".into()];
+    let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(2), None, |_, _| false));
     let mut environment = programs.make().unwrap();
     let mut observation = [0.0];
     environment.reset(Start::Seed(1_000_000_007), &mut observation).unwrap();
