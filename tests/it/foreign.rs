@@ -58,7 +58,7 @@ fn hostile() -> Vec<(&'static str, Value, &'static str)> {
         ("actions", json!(names(300)), "each action must have a name"),
         ("observations", json!(["x", ""]), "1 to 100 characters"),
         ("mirror", json!({"observation": [[7, 1.0], [0, 1.0]], "actions": [0, 1]}), "`mirror`"),
-        ("mirror", json!({"observation": [[0, 1e39], [1, 1.0]], "actions": [0, 1]}), "`mirror`"),
+        ("mirror", json!({"observation": [[0, 2.0], [1, 1.0]], "actions": [0, 1]}), "`mirror`"),
     ]
 }
 
