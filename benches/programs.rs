@@ -41,7 +41,10 @@ fn main() {
     println!("{:>12.0} steps/s  CartPole-v1 in this process", rate(&mut CartPole::v1()));
     if !command.is_empty() {
         let name = command.join(" ");
-        let show = |program: &str, line: &str| eprintln!("[{program}] {line}");
+        let show = |program: &str, line: &str| {
+            eprintln!("[{program}] {line}");
+            true
+        };
         let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(60), None, show));
         println!("{:>12.0} steps/s  {name}", rate(&mut programs.make().unwrap()));
     }
