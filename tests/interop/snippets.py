@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Runs the Python snippets of docs/interop.md as they stand and checks what they bring.
+"""Runs the Python snippets of docs/interop.md, and the programs with Optuna to which it links, as they stand, and checks
+what they bring.
 
     python snippets.py --binary target/release/cartpole-dqn          # those that need NumPy and Gymnasium alone
     python snippets.py --binary target/release/cartpole-dqn --all    # PyTorch and Stable-Baselines3 too
@@ -30,7 +31,9 @@ def snippets():
     """Name -> code, in the order of the document."""
     text = DOCUMENT.read_text()
     found = dict(re.findall(r"<!-- snippet: (\w+) -->\n```python\n(.*?)```\n", text, re.DOTALL))
-    require(len(found) == text.count("```python") == len(CHECKS), "a snippet has no name or no check")
+    require(len(found) == text.count("```python"), "a snippet has no name")
+    found |= {path.stem: path.read_text() for path in sorted((DOCUMENT.parents[1] / "examples").glob("*.py"))}
+    require(found.keys() == CHECKS.keys(), "a snippet has no check")
     return found
 
 
@@ -103,7 +106,7 @@ CHECKS = {
     # Enough to tell a policy that has learned from one of swapped or shuffled weights, which falls before step 30.
     "from_sb3": (True, leaves_a_policy(100)),
     "from_numpy": (False, leaves_a_policy(100)),
-    "optuna": (False, finds_settings(20, 475)),
+    "optuna_search": (False, finds_settings(20, 475)),
     "optuna_seeds": (False, finds_settings(6, 100)),
 }
 
