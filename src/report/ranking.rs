@@ -7,7 +7,7 @@ use super::outcome::{Group, Outcome, Score};
 use super::statistics::{Estimate, Sample, iqm, mean, shown, sorted};
 use crate::env::Spec;
 use crate::study::{LastTry, Study};
-use crate::text::visible;
+use crate::text::{labels, visible};
 
 /// Most reasons that are printed.
 const MAX_REASONS: usize = 5;
@@ -36,6 +36,9 @@ pub(super) struct Failures {
     /// That of the first, with its numbers.
     reason: String,
     config: String,
+    /// How tables call the config.
+    #[serde(skip)]
+    label: String,
     seed: u64,
 }
 
@@ -102,26 +105,35 @@ pub(super) const HEADING: &str = "Mean return of the final policies over the see
 
 /// Why trials diverged, see [`reasons`].
 pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
-    reasons(groups.iter().flat_map(|Group { name, outcomes, .. }| {
-        let reason = |outcome: &'_ Outcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
-        outcomes.iter().filter_map(reason).map(|(seed, error)| (name.clone(), seed, error))
+    reasons(groups.iter().flat_map(|Group { name, label, outcomes, .. }| {
+        let failed = |outcome: &'_ Outcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
+        outcomes.iter().filter_map(failed).map(|(seed, error)| (name.as_str(), label.as_str(), seed, error))
     }))
 }
 
 /// Why the last tries of missing trials ended, see [`reasons`].
 pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
-    let name = |config: usize| study.configs[config].name.clone();
-    reasons(last_tries.into_iter().map(|LastTry { config, seed, reason }| (name(config), seed, reason)))
+    let names: Vec<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
+    let labels = labels(&names);
+    reasons(
+        last_tries
+            .into_iter()
+            .map(|LastTry { config, seed, reason }| (names[config], labels[config].as_str(), seed, reason)),
+    )
 }
 
-/// The reasons of trials by config and seed, the most frequent first. Reasons that differ in their numbers alone are one.
-fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures> {
+/// The reasons of trials by name and label of the config and seed, the most frequent first. Reasons that differ in their
+/// numbers alone are one.
+fn reasons<'a>(trials: impl Iterator<Item = (&'a str, &'a str, u64, String)>) -> Vec<Failures> {
     let mut kinds: Vec<(String, Failures)> = Vec::new();
-    for (config, seed, reason) in trials {
+    for (config, label, seed, reason) in trials {
         let kind = reason.replace(|c: char| c.is_ascii_digit(), "");
         match kinds.iter_mut().find(|(known, _)| *known == kind) {
             Some((_, failures)) => failures.trials += 1,
-            None => kinds.push((kind, Failures { trials: 1, reason, config, seed })),
+            None => {
+                let (config, label) = (config.to_owned(), label.to_owned());
+                kinds.push((kind, Failures { trials: 1, reason, config, label, seed }));
+            }
         }
     }
     let mut failures: Vec<Failures> = kinds.into_iter().map(|(_, failures)| failures).collect();
@@ -154,10 +166,9 @@ pub(super) fn failure_lines(failures: &[Failures], trials: usize) -> Vec<String>
 }
 
 fn reason_lines(failures: &[Failures], heading: String) -> Vec<String> {
-    let line = |Failures { trials, reason, config, seed }: &Failures| {
-        let (reason, config) = (visible(reason), visible(config));
+    let line = |Failures { trials, reason, label, seed, .. }: &Failures| {
         let which = if *trials == 1 { "" } else { "first: " };
-        format!("  {trials} ×: {reason} ({which}{config}, seed {seed})")
+        format!("  {trials} ×: {} ({which}{label}, seed {seed})", visible(reason))
     };
     let mut lines = vec![heading];
     lines.extend(failures.iter().take(MAX_REASONS).map(line));

@@ -275,7 +275,7 @@ fn a_trial_that_fails_is_recorded_and_stops_nothing() {
     let report = sandbox.run(&["report", "s", "--out", "elsewhere"]).success();
     let report = String::from_utf8(report.get_output().stdout.clone()).unwrap();
     assert_eq!(table(&printed), table(&report));
-    assert!(printed.contains("\n   1  cartpole optimizer.learning_rate=0.001 "), "{printed}");
+    assert!(printed.contains("\n   1  … optimiz…te=0.001 "), "{printed}");
     assert!(printed.lines().all(|line| line.chars().count() <= 80), "{printed}");
     let failed = trial(&sandbox, "s", "cartpole optimizer.learning_rate=1", 2);
     assert_eq!((&failed["summary"], &failed["final"]), (&Value::Null, &Value::Null));
