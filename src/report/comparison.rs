@@ -114,6 +114,20 @@ impl Comparison {
     }
 }
 
+/// What comparisons say, where one sentence is enough for all that have too few seeds.
+pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
+    let (few, mut said): (Vec<_>, Vec<_>) =
+        comparisons.iter().partition(|comparison| comparison.verdict == Verdict::TooFewSeeds);
+    said.extend(few.first());
+    let mut said: Vec<String> = said.into_iter().map(|comparison| comparison.statement.clone()).collect();
+    if let (Some(last), [_, others @ ..]) = (said.last_mut(), &few[..])
+        && !others.is_empty()
+    {
+        *last += &format!(". So it is with {} more", others.len());
+    }
+    said
+}
+
 /// How many runs a key ended before their budget was used up, and what that does to the numbers; nothing if none ended so.
 pub(super) fn early_ends(groups: &[Group]) -> Option<String> {
     let outcomes = || groups.iter().flat_map(|group| &group.outcomes);

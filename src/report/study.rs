@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::comparison::{Comparison, Scored, early_ends};
+use super::comparison::{Comparison, Scored, early_ends, statements};
 use super::outcome::{self, Group};
 use super::ranking::{self, Ranked, failure_lines, failures, last_tries, last_try_lines};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
@@ -148,7 +148,7 @@ pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
     let order = ranking::order(ranked.iter());
     text += &table(&ranking::rows(order.iter().map(|&i| &ranked[i])));
     text += &legend(ranked.iter().map(|config| (config.label.as_str(), config.name.as_str())));
-    for Comparison { statement, .. } in comparisons(ranked.iter().map(Ranked::scored)) {
+    for statement in statements(&comparisons(ranked.iter().map(Ranked::scored))) {
         text += &wrapped(&statement, 2);
     }
     for line in failure_lines(&failures(&groups), trials) {

@@ -1,6 +1,6 @@
 //! The report of a study in words: tables and notes.
 
-use super::comparison::Comparison;
+use super::comparison::{Comparison, statements};
 use super::ranking::{self, Ranked, failure_lines, last_try_lines};
 use super::statistics::{Estimate, shown};
 use super::summary::{ConfigReport, ConfigRetention, Endurance, StepsToSolve, StudyReport};
@@ -154,8 +154,7 @@ pub(super) fn footnote(task: &Spec, has_intervals: bool) -> String {
 
 /// What the comparisons show, and what distorts it: the first thing to read.
 pub(super) fn conclusions(report: &StudyReport) -> Vec<String> {
-    let mut said: Vec<String> =
-        report.comparisons.iter().map(|comparison| comparison.statement.clone()).collect();
+    let mut said = statements(&report.comparisons);
     said.extend(report.warnings.iter().map(|warning| format!("note: {}", visible(warning))));
     said
 }

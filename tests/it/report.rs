@@ -688,6 +688,8 @@ fn thirty_configs_with_long_and_foreign_names_fit_80_columns_best_first() {
     let printed = unwrapped(&output);
     assert!(printed.contains("Names in full: 0-\\u{1b}[…nnnnnnnn: 0-\\u{1b}[31m<&\"\\nnnn"), "{printed}");
     assert_eq!(printed.matches("note: ").count(), 2, "{printed}");
+    assert_eq!(printed.matches("nothing shown of").count(), 1, "{printed}");
+    assert!(printed.contains("there are 3. So it is with 27 more"), "{printed}");
     assert!(
         printed.contains("7-\\u{1b}[…nnnnnnnn: 0 of 3 seeds are finished")
             && printed.contains("and 28 other configs: 3 seeds")
