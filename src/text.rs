@@ -7,8 +7,9 @@ use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 /// Columns that every table and message fits.
 pub const COLUMNS: usize = 80;
 /// A column of names is not made narrower than this.
-const LEAST_NAME: usize = 8;
-const GAP: &str = "  ";
+pub const LEAST_NAME: usize = 8;
+/// What is between two columns of a table.
+pub const GAP: &str = "  ";
 
 /// Whether a character could steer a terminal, break or reorder a line, or hide in it.
 pub fn steers(c: char) -> bool {
@@ -120,14 +121,12 @@ pub fn shortened(text: &str, columns: usize) -> String {
     head.into_iter().chain(['…']).chain(tail.into_iter().rev()).collect()
 }
 
-/// Widest name in a report, in columns.
-pub const NAME: usize = 18;
-
-/// Names of configs, or of anything else that is told apart by its words, of at most [`NAME`] columns. Where one is longer, all go
-/// without the words that they share, and `…` stands for those.
-pub fn labels(names: &[&str]) -> Vec<String> {
+/// Names of configs, or of anything else that is told apart by its words, in at most so many columns. Where one is wider, all go
+/// without the words that they share, for which `…` stands. Where one still is, `key=value` stands for `path.key=value`.
+pub fn labels(names: &[&str], columns: usize) -> Vec<String> {
+    let fit = |names: &[String]| names.iter().all(|name| width(name) <= columns);
     let names: Vec<String> = names.iter().map(|name| visible(name)).collect();
-    if names.iter().all(|name| width(name) <= NAME) {
+    if fit(&names) {
         return names;
     }
     let is_shared = |word: &&str| names.iter().all(|name| name.split(' ').any(|other| other == *word));
@@ -136,10 +135,18 @@ pub fn labels(names: &[&str]) -> Vec<String> {
         let omitted = if shared.is_empty() { "" } else { "… " };
         if own.is_empty() { name.clone() } else { format!("{omitted}{}", own.join(" ")) }
     };
-    let labels: Vec<String> = names.iter().map(|name| shortened(&own(name), NAME)).collect();
+    let key_alone = |word: &str| match word.split_once('=') {
+        Some((path, value)) => format!("{}={value}", path.rsplit('.').next().unwrap_or(path)),
+        None => word.to_owned(),
+    };
+    let mut labels: Vec<String> = names.iter().map(own).collect();
+    if !fit(&labels) {
+        let words = |label: &String| label.split(' ').map(key_alone).collect::<Vec<_>>().join(" ");
+        labels = labels.iter().map(words).map(|label| shortened(&label, columns)).collect();
+    }
     let is_double = |label: &String| labels.iter().filter(|other| *other == label).count() > 1;
     let numbered = |(i, label): (usize, &String)| match is_double(label) {
-        true => format!("{} {}", i + 1, shortened(label, NAME - 7)),
+        true => format!("{} {}", i + 1, shortened(label, columns.saturating_sub(7))),
         false => label.clone(),
     };
     labels.iter().enumerate().map(numbered).collect()
@@ -251,12 +258,15 @@ mod tests {
     #[test]
     fn names_are_cut_to_what_tells_them_apart() {
         let long = ["tutorial learn.every_steps=2 gamma=0.95", "tutorial learn.every_steps=2 gamma=0.999"];
-        assert_eq!(labels(&long), ["… gamma=0.95", "… gamma=0.999"]);
-        assert_eq!(labels(&["a gamma=0.95", "a gamma=0.99"]), ["a gamma=0.95", "a gamma=0.99"]);
+        assert_eq!(labels(&long, 20), ["… gamma=0.95", "… gamma=0.999"]);
+        assert_eq!(labels(&long, 40), long);
+        assert_eq!(labels(&["a gamma=0.95", "a gamma=0.99"], 20), ["a gamma=0.95", "a gamma=0.99"]);
+        let keys = ["a optimizer.learning_rate=0.1", "a optimizer.learning_rate=1"];
+        assert_eq!(labels(&keys, 20), ["… learning_rate=0.1", "… learning_rate=1"]);
         let names: Vec<String> =
             (0..30).map(|i| format!("{}{i}{}", "m".repeat(30), "n".repeat(30))).collect();
-        let labels = labels(&names.iter().map(String::as_str).collect::<Vec<_>>());
-        assert!(labels.iter().all(|label| width(label) <= NAME), "{labels:?}");
+        let labels = labels(&names.iter().map(String::as_str).collect::<Vec<_>>(), 20);
+        assert!(labels.iter().all(|label| width(label) <= 20), "{labels:?}");
         assert_eq!(labels.iter().collect::<std::collections::BTreeSet<_>>().len(), 30, "{labels:?}");
         let full = legend([("… gamma=0.95", long[0]), ("short", "short")].into_iter());
         assert_eq!(full, "Names in full:\n  … gamma=0.95: tutorial learn.every_steps=2 gamma=0.95\n");

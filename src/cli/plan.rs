@@ -11,6 +11,8 @@ use crate::report;
 use crate::study::{Cause, Finished, LeftOut, StudyDir, Unended};
 use crate::text::{labels, legend, shell_word, table, visible};
 
+/// Widest name in the table of a status.
+const NAME: usize = 48;
 /// The first trial of a plan is timed no longer than that.
 const TIMED: Duration = Duration::from_secs(30);
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -87,7 +89,7 @@ pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
     };
     let mut rows = vec![["", "config", "done", "missing", "failed"].map(String::from).to_vec()];
     let names: Vec<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
-    let labels = labels(&names);
+    let labels = labels(&names, NAME);
     for (i, (label, &(done, failed))) in labels.iter().zip(&counts).enumerate() {
         rows.push(row(i.to_string(), label, done, seeds - done, failed));
     }

@@ -6,15 +6,12 @@ use super::ReportError;
 use super::history;
 use crate::env::Spec;
 use crate::study::{Finished, LeftOut, NamedConfig, PolicyScore, SCORE_EPISODES, StudyDir};
-use crate::text::labels;
 use crate::trainer::Evaluation;
 
 /// The finished trials of a config, in the order of their seeds.
 #[derive(Debug)]
 pub(super) struct Group {
     pub(super) name: String,
-    /// How tables and pictures call it.
-    pub(super) label: String,
     pub(super) task: Spec,
     pub(super) outcomes: Vec<Outcome>,
 }
@@ -84,14 +81,12 @@ impl Outcome {
 /// The configs that have finished trials, and what is left out.
 pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, LeftOut), ReportError> {
     let named = study_dir.study().configs.iter();
-    let labels = labels(&named.clone().map(|config| config.name.as_str()).collect::<Vec<_>>());
-    let group = |(NamedConfig { name, task, .. }, label): (&NamedConfig, String)| Group {
+    let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {
         name: name.clone(),
-        label,
         task: task.clone(),
         outcomes: Vec::new(),
     };
-    let mut groups: Vec<Group> = named.zip(labels).map(group).collect();
+    let mut groups: Vec<Group> = named.map(group).collect();
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
     let left_out = study_dir.read(|trial| {
         let config = trial.config;

@@ -1,5 +1,7 @@
 //! The configs of a study, the best first, and why trials failed.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use super::comparison::Scored;
@@ -7,7 +9,7 @@ use super::outcome::{Group, Outcome, Score};
 use super::statistics::{Estimate, Sample, iqm, mean, shown, sorted};
 use crate::env::Spec;
 use crate::study::{LastTry, Study};
-use crate::text::{labels, visible};
+use crate::text::{self, COLUMNS, GAP, LEAST_NAME, visible, width};
 
 /// Most reasons that are printed.
 const MAX_REASONS: usize = 5;
@@ -16,8 +18,6 @@ const MAX_REASONS: usize = 5;
 #[derive(Clone, Debug)]
 pub(super) struct Ranked {
     pub(super) name: String,
-    /// How tables and pictures call it, see [`labels`](crate::text::labels).
-    pub(super) label: String,
     pub(super) task: Spec,
     pub(super) seeds: usize,
     pub(super) failed: usize,
@@ -36,9 +36,6 @@ pub(super) struct Failures {
     /// That of the first, with its numbers.
     reason: String,
     config: String,
-    /// How tables call the config.
-    #[serde(skip)]
-    label: String,
     seed: u64,
 }
 
@@ -48,12 +45,11 @@ pub(super) fn score(policy: Option<&Score>, task: &Spec) -> f64 {
 }
 
 impl Ranked {
-    pub(super) fn of(Group { name, label, task, outcomes }: &Group) -> Self {
+    pub(super) fn of(Group { name, task, outcomes }: &Group) -> Self {
         let scores = || outcomes.iter().map(|outcome| score(outcome.final_.as_ref(), task));
         let finals = sorted(scores());
         Self {
             name: name.clone(),
-            label: label.clone(),
             task: task.clone(),
             seeds: outcomes.len(),
             failed: outcomes.iter().filter(|outcome| outcome.error.is_some()).count(),
@@ -67,9 +63,25 @@ impl Ranked {
 
 impl Ranked {
     /// What comparisons need of it.
-    pub(super) fn scored(&self) -> Scored<'_> {
-        Scored { name: &self.name, label: &self.label, task: &self.task, finals: &self.finals }
+    pub(super) fn scored<'a>(&'a self, labels: &'a Labels) -> Scored<'a> {
+        Scored { name: &self.name, label: &labels[&self.name], task: &self.task, finals: &self.finals }
     }
+}
+
+/// How tables, sentences and pictures call the configs of a study: name → label.
+pub(super) type Labels = BTreeMap<String, String>;
+
+/// The labels that leave the ranked table in [`COLUMNS`].
+pub(super) fn labels(study: &Study, ranked: &[Ranked]) -> Labels {
+    let names: Vec<&str> = study.configs.iter().map(|config| config.name.as_str()).collect();
+    let rows = rows(ranked.iter(), &Labels::new());
+    let numbers =
+        |row: &Vec<String>| (0..row.len()).filter(|&i| i != 1).map(|i| width(&row[i])).collect::<Vec<_>>();
+    let widest = |a: Vec<usize>, b: Vec<usize>| a.into_iter().zip(b).map(|(a, b)| a.max(b)).collect();
+    let taken: usize =
+        rows.iter().map(numbers).reduce(widest).into_iter().flatten().map(|column| column + GAP.len()).sum();
+    let labels = text::labels(&names, COLUMNS.saturating_sub(taken).max(LEAST_NAME));
+    names.iter().map(ToString::to_string).zip(labels).collect()
 }
 
 /// The places of the configs, the best first: by final IQM, then by mean, then as the study has them.
@@ -84,12 +96,12 @@ pub(super) fn order<'a>(scores: impl Iterator<Item = &'a Ranked>) -> Vec<usize> 
 }
 
 /// The rows of the ranked table.
-pub(super) fn rows<'a>(ranked: impl Iterator<Item = &'a Ranked>) -> Vec<Vec<String>> {
+pub(super) fn rows<'a>(ranked: impl Iterator<Item = &'a Ranked>, labels: &Labels) -> Vec<Vec<String>> {
     let heading = ["rank", "config", "seeds", "failed", "solved", "IQM", "mean"].map(String::from);
     let row = |(i, config): (usize, &Ranked)| {
         vec![
             (i + 1).to_string(),
-            config.label.clone(),
+            labels.get(&config.name).cloned().unwrap_or_default(),
             config.seeds.to_string(),
             config.failed.to_string(),
             config.solved.to_string(),
@@ -105,35 +117,26 @@ pub(super) const HEADING: &str = "Mean return of the final policies over the see
 
 /// Why trials diverged, see [`reasons`].
 pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
-    reasons(groups.iter().flat_map(|Group { name, label, outcomes, .. }| {
-        let failed = |outcome: &'_ Outcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
-        outcomes.iter().filter_map(failed).map(|(seed, error)| (name.as_str(), label.as_str(), seed, error))
+    reasons(groups.iter().flat_map(|Group { name, outcomes, .. }| {
+        let reason = |outcome: &'_ Outcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
+        outcomes.iter().filter_map(reason).map(|(seed, error)| (name.clone(), seed, error))
     }))
 }
 
 /// Why the last tries of missing trials ended, see [`reasons`].
 pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
-    let names: Vec<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
-    let labels = labels(&names);
-    reasons(
-        last_tries
-            .into_iter()
-            .map(|LastTry { config, seed, reason }| (names[config], labels[config].as_str(), seed, reason)),
-    )
+    let name = |config: usize| study.configs[config].name.clone();
+    reasons(last_tries.into_iter().map(|LastTry { config, seed, reason }| (name(config), seed, reason)))
 }
 
-/// The reasons of trials by name and label of the config and seed, the most frequent first. Reasons that differ in their
-/// numbers alone are one.
-fn reasons<'a>(trials: impl Iterator<Item = (&'a str, &'a str, u64, String)>) -> Vec<Failures> {
+/// The reasons of trials by config and seed, the most frequent first. Reasons that differ in their numbers alone are one.
+fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures> {
     let mut kinds: Vec<(String, Failures)> = Vec::new();
-    for (config, label, seed, reason) in trials {
+    for (config, seed, reason) in trials {
         let kind = reason.replace(|c: char| c.is_ascii_digit(), "");
         match kinds.iter_mut().find(|(known, _)| *known == kind) {
             Some((_, failures)) => failures.trials += 1,
-            None => {
-                let (config, label) = (config.to_owned(), label.to_owned());
-                kinds.push((kind, Failures { trials: 1, reason, config, label, seed }));
-            }
+            None => kinds.push((kind, Failures { trials: 1, reason, config, seed })),
         }
     }
     let mut failures: Vec<Failures> = kinds.into_iter().map(|(_, failures)| failures).collect();
@@ -142,11 +145,12 @@ fn reasons<'a>(trials: impl Iterator<Item = (&'a str, &'a str, u64, String)>) ->
 }
 
 /// How the last tries of missing trials ended, a line for each reason; nothing if there was none.
-pub(super) fn last_try_lines(last_tries: &[Failures]) -> Vec<String> {
+pub(super) fn last_try_lines(last_tries: &[Failures], labels: &Labels) -> Vec<String> {
     match last_tries.iter().map(|failures| failures.trials).sum() {
         0 => Vec::new(),
         begun => reason_lines(
             last_tries,
+            labels,
             format!(
                 "Why the last tries of {begun} missing trials ended without a result; the next ones resume them:"
             ),
@@ -155,18 +159,20 @@ pub(super) fn last_try_lines(last_tries: &[Failures]) -> Vec<String> {
 }
 
 /// A sentence on how many of the trials failed, and one on each reason; nothing if none did.
-pub(super) fn failure_lines(failures: &[Failures], trials: usize) -> Vec<String> {
+pub(super) fn failure_lines(failures: &[Failures], trials: usize, labels: &Labels) -> Vec<String> {
     match failures.iter().map(|failures| failures.trials).sum() {
         0 => Vec::new(),
         failed => reason_lines(
             failures,
+            labels,
             format!("{failed} of {trials} trials failed and count with the lowest return of the task:"),
         ),
     }
 }
 
-fn reason_lines(failures: &[Failures], heading: String) -> Vec<String> {
-    let line = |Failures { trials, reason, label, seed, .. }: &Failures| {
+fn reason_lines(failures: &[Failures], labels: &Labels, heading: String) -> Vec<String> {
+    let line = |Failures { trials, reason, config, seed }: &Failures| {
+        let label = labels.get(config).cloned().unwrap_or_else(|| visible(config));
         let which = if *trials == 1 { "" } else { "first: " };
         format!("  {trials} ×: {} ({which}{label}, seed {seed})", visible(reason))
     };

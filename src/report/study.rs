@@ -7,14 +7,14 @@ use serde_json::json;
 
 use super::comparison::{Comparison, Scored, early_ends, statements};
 use super::outcome::{self, Group};
-use super::ranking::{self, Ranked, failure_lines, failures, last_tries, last_try_lines};
+use super::ranking::{self, Labels, Ranked, failure_lines, failures, last_tries, last_try_lines};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
 use super::summary::{Bootstrap, ConfigReport, StudyReport, config_report};
 use super::text::{describe, footnote};
 use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
 use crate::run::names::EVALUATIONS;
 use crate::study::{self, LastTry, LeftOut, NamedConfig, StudyDir};
-use crate::text::{labels, legend, table, wrapped};
+use crate::text::{legend, table, wrapped};
 use crate::trainer::Evaluation;
 
 /// Most configs that a note names.
@@ -33,7 +33,12 @@ impl Study {
         let study_dir = StudyDir::open_to_read(folder)?;
         let (groups, left_out) = read_groups(folder, &study_dir)?;
         let study = study_dir.study();
-        let configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
+        let mut configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
+        let ranked: Vec<Ranked> = configs.iter().map(ConfigReport::ranked).collect();
+        let labels = ranking::labels(study, &ranked);
+        for config in &mut configs {
+            config.label.clone_from(&labels[&config.name]);
+        }
         let report = StudyReport {
             format_version: FORMAT_VERSION,
             kind: "study",
@@ -44,7 +49,7 @@ impl Study {
             failures: failures(&groups),
             last_tries: last_tries(study, left_out.last_tries),
             bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
-            warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs)).collect(),
+            warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs, &labels)).collect(),
             comparisons: comparisons(configs.iter().map(ConfigReport::scored)),
             seeds: study.seeds.clone(),
             configs,
@@ -93,16 +98,14 @@ pub fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String 
 }
 
 /// What a reader must know of the numbers: one note for all configs that it is true of.
-fn warnings(manifest: &study::Study, configs: &[ConfigReport]) -> Vec<String> {
+fn warnings(manifest: &study::Study, configs: &[ConfigReport], labels: &Labels) -> Vec<String> {
     let seeds = manifest.seeds.clone().count();
     let mut notes: Vec<(String, Vec<&str>)> = Vec::new();
     let mut add = |note: String, name| match notes.iter_mut().find(|(known, _)| *known == note) {
         Some((_, names)) => names.push(name),
         None => notes.push((note, vec![name])),
     };
-    let names: Vec<&str> = manifest.configs.iter().map(|config| config.name.as_str()).collect();
-    let labels = labels(&names);
-    for (name, label) in names.iter().zip(&labels) {
+    for (name, label) in labels {
         let finished = configs.iter().find(|config| config.name == *name).map_or(0, |config| config.seeds);
         if finished < seeds {
             let note = format!(
@@ -146,9 +149,10 @@ pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
     let mut text =
         format!("trials     {trials}\nsolved     {solved}\nfailed     {failed}\n\n{}\n", ranking::HEADING);
     let order = ranking::order(ranked.iter());
-    text += &table(&ranking::rows(order.iter().map(|&i| &ranked[i])));
-    text += &legend(ranked.iter().map(|config| (config.label.as_str(), config.name.as_str())));
-    for statement in statements(&comparisons(ranked.iter().map(Ranked::scored))) {
+    let labels = ranking::labels(study_dir.study(), &ranked);
+    text += &table(&ranking::rows(order.iter().map(|&i| &ranked[i]), &labels));
+    text += &legend(ranked.iter().map(|config| (labels[&config.name].as_str(), config.name.as_str())));
+    for statement in statements(&comparisons(ranked.iter().map(|config| config.scored(&labels)))) {
         text += &wrapped(&statement, 2);
     }
     for line in failure_lines(&failures(&groups), trials) {

@@ -145,7 +145,7 @@ impl ConfigReport {
     }
 }
 
-pub(super) fn config_report(Group { name, label, task, outcomes }: &Group) -> ConfigReport {
+pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigReport {
     let finals = sorted(outcomes.iter().map(|outcome| score(outcome.final_.as_ref(), task)));
     let bests = sorted(outcomes.iter().map(|outcome| score(outcome.best.as_ref(), task)));
     let solved = |scores: &Sample| scores.iter().filter(|&(score, _)| task.is_solved_by(score)).count();
@@ -156,7 +156,7 @@ pub(super) fn config_report(Group { name, label, task, outcomes }: &Group) -> Co
     let areas = sorted(outcomes.iter().map(|outcome| history::area_under_curve(grid, &curve(outcome))));
     ConfigReport {
         name: name.clone(),
-        label: label.clone(),
+        label: name.clone(),
         task: task.clone(),
         seeds: outcomes.len(),
         failed: outcomes.iter().filter(|outcome| outcome.error.is_some()).count(),

@@ -17,10 +17,9 @@ fn share_shown(count: usize, share: &Estimate) -> String {
 }
 
 impl ConfigReport {
-    fn ranked(&self) -> Ranked {
+    pub(super) fn ranked(&self) -> Ranked {
         Ranked {
             name: self.name.clone(),
-            label: self.label.clone(),
             task: self.task.clone(),
             seeds: self.seeds,
             failed: self.failed,
@@ -69,6 +68,7 @@ pub(super) struct Table {
 pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
     let configs = &report.configs;
     let ranked: Vec<Ranked> = configs.iter().map(ConfigReport::ranked).collect();
+    let labels = names(report).map(|(label, name)| (name.to_owned(), label.to_owned())).collect();
     let order = ranking::order(ranked.iter());
     let table = |title: &str, heading: &[&str], cells: &dyn Fn(usize) -> Option<Vec<String>>| {
         let mut rows = vec![["rank", "config"].iter().chain(heading).map(ToString::to_string).collect()];
@@ -79,7 +79,10 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
         Table { title: title.into(), rows }
     };
     let mut tables = vec![
-        Table { title: ranking::HEADING.into(), rows: ranking::rows(order.iter().map(|&i| &ranked[i])) },
+        Table {
+            title: ranking::HEADING.into(),
+            rows: ranking::rows(order.iter().map(|&i| &ranked[i]), &labels),
+        },
         table(
             "How many seeds' final policy solves, and how many seeds' best one:",
             &["final solved", "best solved"],

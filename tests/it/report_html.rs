@@ -128,7 +128,8 @@ fn the_page_of_a_run_on_a_program_says_why_nothing_is_played_and_what_was_record
     let task = serde_json::to_value(cartpole_dqn::env::catalogue::EnvironmentId::CartPoleV1.spec()).unwrap();
     let mut task = task.as_object().unwrap().clone();
     task.remove("map");
-    config["environment"] = json!({"command": ["./gone"], "task": task});
+    config["environment"] =
+        json!({"command": ["./gone"], "processes": 1, "timeout_seconds": 60, "task": task});
     sandbox.write("run/config.json", config.to_string());
     sandbox.run(&["report", "run", "--html", "page.html"]).success();
     let page = sandbox.read("page.html");
