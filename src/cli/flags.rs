@@ -1,105 +1,75 @@
 //! Options that people know from other programs, and the config keys that they stand for here.
 
+use clap::Command;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
+use serde_json::Value;
 
 use super::ui::program;
-use crate::config;
+use crate::config::meanings;
 use crate::text::shell_word;
 
 /// What replaces a value that the user has not given.
 const PLACEHOLDER: &str = "VALUE";
 
-/// The settings that an option stands for, with `{}` in the place of its value; none if nobody uses such an option.
-fn settings(option: &str, value: &str) -> Option<Vec<String>> {
-    let is_above_one = value.parse().is_ok_and(|value: f64| value > 1.0);
-    let settings: &[&str] = match option {
-        "steps" | "total-steps" | "num-steps" | "max-steps" | "train-steps" | "training-steps"
-        | "timesteps" | "total-timesteps" | "num-timesteps" | "frames" => &["budget.steps={}"],
-        "episodes" | "num-episodes" | "n-episodes" | "max-episodes" | "train-episodes" => {
-            &["budget.episodes={}"]
-        }
-        "lr" | "alpha" | "step-size" => &["optimizer.learning_rate={}"],
-        "discount" | "discount-factor" => &["gamma={}"],
-        "batch" | "minibatch-size" => &["replay.batch_size={}"],
-        "buffer-size" | "buffer" | "buffer-capacity" | "memory-size" | "memory" | "replay-size"
-        | "replay-memory" => &["replay.capacity={}"],
-        "warmup" | "learning-starts" | "learn-start" | "start-steps" | "min-replay-size" => {
-            &["replay.warmup_steps={}"]
-        }
-        "epsilon" | "eps" => &["exploration.initial={}", "exploration.final={}"],
-        "epsilon-start" | "eps-start" | "epsilon-max" | "epsilon-initial" | "initial-epsilon" => {
-            &["exploration.initial={}"]
-        }
-        "epsilon-end" | "eps-end" | "epsilon-min" | "eps-min" | "epsilon-final" | "final-epsilon" => {
-            &["exploration.final={}"]
-        }
-        // A factor after each episode, or a number of steps.
-        "epsilon-decay" | "eps-decay" if !is_above_one => {
-            &["exploration.schedule=per_episode", "exploration.decay={}"]
-        }
-        "epsilon-decay" | "eps-decay" | "epsilon-decay-steps" | "exploration-steps" => {
-            &["exploration.schedule=linear", "exploration.steps={}"]
-        }
-        "tau" => &["target.kind=soft", "target.tau={}"],
-        // Only the weights of a soft target network can be the policy.
-        "target-update" | "target-update-freq" | "target-update-interval" | "target-update-steps" => {
-            &["policy_weights=online", "target.kind=hard", "target.every_steps={}"]
-        }
-        "double" | "double-dqn" | "double-q" | "ddqn" => &["double=true"],
-        "no-double" => &["double=false"],
-        "huber" => &["loss=huber"],
-        "mse" => &["loss=mse"],
-        "hidden-size" | "hidden-sizes" | "hidden-units" | "hidden-layers" | "layers" => {
-            &["network.hidden={}"]
-        }
-        "n-steps" | "multi-step" => &["n_step={}"],
-        "train-freq" | "train-every" | "learn-every" | "update-every" | "update-freq" => {
-            &["learn.every_steps={}"]
-        }
-        "gradient-steps" | "updates-per-step" => &["learn.updates={}"],
-        "max-grad-norm" | "grad-clip" | "clip-grad" | "gradient-clip" => &["optimizer.max_gradient_norm={}"],
-        "eval-freq" | "eval-every" | "eval-interval" => &["evaluation.every_steps={}"],
-        "eval-episodes" | "n-eval-episodes" => &["evaluation.episodes={}"],
-        "save-freq" | "save-every" | "checkpoint-every" | "checkpoint-freq" => &["checkpoint.every_steps={}"],
-        "env" => &["environment={}"],
-        _ => return Some(vec![format!("{}={{}}", key(option)?)]),
-    };
-    Some(settings.iter().map(|&setting| setting.to_owned()).collect())
+/// The command that a command line is for: its name in messages, and itself.
+pub(super) fn command_of<'a>(root: &'a Command, arguments: &[String]) -> (String, &'a Command) {
+    let (mut names, mut command) = (Vec::new(), root);
+    for word in arguments {
+        let Some(below) = command.find_subcommand(word) else { break };
+        names.push(word.as_str());
+        command = below;
+    }
+    (names.join(" "), command)
 }
 
-/// The key of the config whose path, or whose name where only one key has it, is the option.
-fn key(option: &str) -> Option<&'static str> {
-    // `train` has an option for the seed, and a study has no single one.
-    let same = |name: &str| name.replace(['.', '_'], "-") == option;
-    let mut named = config::key_paths().filter(|path| path.rsplit('.').next().is_some_and(same));
-    let only = named.next().filter(|_| named.next().is_none());
-    config::key_paths().find(|path| same(path)).or(only).filter(|path| !["$schema", "seed"].contains(path))
+/// Whether a command has an option of this long name.
+pub(super) fn has_option(command: &Command, long: &str) -> bool {
+    command.get_arguments().any(|argument| argument.get_long() == Some(long))
 }
 
 /// What to type in place of an option that is a key of the config here; none if the error is another one.
-pub(super) fn key_for_option(error: &clap::Error, arguments: &[String]) -> Option<String> {
+pub(super) fn key_for_option(error: &clap::Error, root: &Command, arguments: &[String]) -> Option<String> {
     let Some(ContextValue::String(option)) = error.get(ContextKind::InvalidArg) else { return None };
-    let command = arguments.first().filter(|name| ["train", "study", "config"].contains(&name.as_str()))?;
-    if error.kind() != ErrorKind::UnknownArgument {
+    let (name, command) = command_of(root, arguments);
+    if error.kind() != ErrorKind::UnknownArgument || !has_option(command, "set") {
         return None;
     }
-    let (command_line, replaced) = with_sets(arguments);
-    if !replaced.contains(option) {
+    let (line, replaced) = with_sets(command, arguments);
+    if !replaced.iter().any(|known| known.option == *option) {
         return None;
     }
-    let options: Vec<String> = replaced.iter().map(|option| format!("`{option}`")).collect();
+    let joined = |words: &[String]| words.iter().map(|word| shell_word(word)).collect::<Vec<_>>().join(" ");
+    let options: Vec<String> = replaced.iter().map(|known| format!("`{}`", known.option)).collect();
     let are = if replaced.len() == 1 { "is no option" } else { "are no options" };
-    let words: Vec<String> = command_line.iter().map(|word| shell_word(word)).collect();
-    Some(format!(
-        "{} {are} of `{command}`: settings are keys of the config, given with --set. Type\n  {} {}",
+    let mut message = format!(
+        "{} {are} of `{name}`: settings are keys of the config, given with --set. Type\n  {} {}",
         options.join(", "),
         program(),
-        words.join(" ")
-    ))
+        joined(&line)
+    );
+    for Replaced { option, by, others } in &replaced {
+        for other in others {
+            message += &format!(
+                "\n`{option}` could also be {}: if you mean that, type it in place of {}",
+                joined(other),
+                joined(by)
+            );
+        }
+    }
+    Some(message)
+}
+
+/// An option that is a setting here.
+struct Replaced {
+    option: String,
+    /// The words in its place.
+    by: Vec<String>,
+    /// What could be in its place if it means something else.
+    others: Vec<Vec<String>>,
 }
 
 /// The arguments with `--set` in place of every option that is a setting, and these options.
-fn with_sets(arguments: &[String]) -> (Vec<String>, Vec<String>) {
+fn with_sets(command: &Command, arguments: &[String]) -> (Vec<String>, Vec<Replaced>) {
     let (mut line, mut replaced) = (Vec::new(), Vec::new());
     let mut words = arguments.iter().peekable();
     while let Some(word) = words.next() {
@@ -107,19 +77,27 @@ fn with_sets(arguments: &[String]) -> (Vec<String>, Vec<String>) {
             Some((option, value)) => (option, Some(value.to_owned())),
             None => (word.as_str(), None),
         };
-        let Some(name) = option.strip_prefix("--").map(|name| name.to_lowercase().replace(['.', '_'], "-"))
-        else {
-            line.push(word.clone());
-            continue;
-        };
         let mut values = Vec::from_iter(attached);
         let next = words.peek().map_or("", |next| next.as_str());
-        let Some(settings) = settings(&name, values.first().map_or(next, String::as_str)) else {
+        let value = values.first().map_or(next, String::as_str);
+        let value = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value));
+        let mut found = match option.strip_prefix("--").filter(|name| !has_option(command, name)) {
+            Some(name) => meanings(name, &value),
+            None => Vec::new(),
+        };
+        // Every command that takes settings has an option of its own for seeds.
+        found.retain(|settings| !["$schema={}", "seed={}"].contains(&settings[0].as_str()));
+        if found.is_empty() {
             line.push(word.clone());
             continue;
-        };
-        let takes_value = settings.iter().any(|setting| setting.contains("{}"));
-        let is_list = settings.iter().any(|setting| setting == "network.hidden={}");
+        }
+        // `--double` alone switches it on.
+        let next = words.peek().filter(|next| is_value(next));
+        if found == [["double={}"]] && values.is_empty() && next.is_none_or(|next| !is_switch(next)) {
+            values.push("true".into());
+        }
+        let is_list = found[0] == ["network.hidden={}"];
+        let takes_value = found.iter().flatten().any(|setting| setting.contains("{}"));
         while takes_value
             && (values.is_empty() || is_list)
             && let Some(value) = words.next_if(|next| is_value(next))
@@ -131,15 +109,26 @@ fn with_sets(arguments: &[String]) -> (Vec<String>, Vec<String>) {
             value if is_list && !value.starts_with('[') => format!("[{value}]"),
             value => value,
         };
-        for setting in settings {
-            line.extend(["--set".to_owned(), setting.replace("{}", &value)]);
-        }
-        replaced.push(option.to_owned());
+        let mut alternatives = found.iter().map(|settings| given(settings, &value, is_list, command));
+        let by = alternatives.next().unwrap_or_default();
+        line.extend(by.iter().cloned());
+        replaced.push(Replaced { option: option.to_owned(), by, others: alternatives.collect() });
     }
     (line, replaced)
+}
+
+/// Settings as a command takes them. Several values of a study are varied.
+fn given(settings: &[String], value: &str, is_list: bool, command: &Command) -> Vec<String> {
+    let is_varied = !is_list && value.contains(',') && has_option(command, "vary");
+    let option = |setting: &str| if is_varied && setting.contains("{}") { "--vary" } else { "--set" };
+    settings.iter().flat_map(|set| [option(set).to_owned(), set.replace("{}", value)]).collect()
 }
 
 /// Whether a word is no option: a negative number is none.
 fn is_value(word: &str) -> bool {
     !word.starts_with('-') || word.parse::<f64>().is_ok()
+}
+
+fn is_switch(word: &str) -> bool {
+    ["true", "false"].contains(&word)
 }

@@ -119,23 +119,25 @@ fn what_is_wrong(error: &clap::Error) -> Option<String> {
         return Some(format!("the argument {argument:?} is not valid UTF-8; only paths may be so"));
     }
     let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
-    flags::key_for_option(error, &arguments.collect::<Vec<_>>())
+    flags::key_for_option(error, &Arguments::command(), &arguments.collect::<Vec<_>>())
 }
 
 /// An error of usage, with what the user may have meant where clap finds nothing.
 fn with_tip(mut error: clap::Error) -> clap::Error {
-    let takes_config =
-        std::env::args_os().nth(1).is_some_and(|command| command == "train" || command == "study");
+    let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
+    let root = Arguments::command();
+    let (_, command) = flags::command_of(&root, &arguments.collect::<Vec<_>>());
     let is_unknown = error.kind() == ErrorKind::UnknownArgument;
-    if takes_config && is_unknown && error.get(ContextKind::SuggestedArg).is_none() {
+    if flags::has_option(command, "set") && is_unknown && error.get(ContextKind::SuggestedArg).is_none() {
         let is_directory = match error.get(ContextKind::InvalidArg) {
             Some(ContextValue::String(argument)) => Path::new(argument).is_dir(),
             _ => false,
         };
-        let tip = if is_directory {
-            "a new run or study is written to --out DIR; `train --resume DIR` resumes a run"
-        } else {
-            "a config file is given as --config FILE, a key of the config as --set KEY=VALUE"
+        let tip = match (is_directory, flags::has_option(command, "resume")) {
+            (false, _) => "a config file is given as --config FILE, a key of the config as --set KEY=VALUE",
+            (true, true) => "a new run is written to --out DIR; `train --resume DIR` resumes a run",
+            (true, false) if flags::has_option(command, "vary") => "a study is written to --out DIR",
+            (true, false) => "the config of a run is given as --config DIR/config.json",
         };
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::layers::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
 use super::permission::Programs;
 use super::ui::Failure;
-use crate::config::Config;
+use crate::config::{Config, ConfigError};
 use crate::study::NamedConfig;
 use crate::text::visible;
 
@@ -91,12 +91,16 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
         let mut seen = BTreeMap::new();
         for variation in &variations {
             let name = [std::slice::from_ref(stem), variation].concat().join(" ");
-            let sets = [&arguments.set[..], variation].concat();
-            let mut config =
-                Config::from_layers(Some((origin, text)), &sets).map_err(|error| match &variation[..] {
-                    [] => error.into(),
-                    _ => Failure::BadInput(format!("variation {}: {error}", variation.join(" "))),
-                })?;
+            let config = Config::variation(Some((origin, text)), &arguments.set, variation);
+            let mut config = config.map_err(|error| match error {
+                // The only one whose reason the variation may be.
+                ConfigError::Key { problem: "misplaced key", .. } | ConfigError::Value { .. }
+                    if !variation.is_empty() =>
+                {
+                    Failure::BadInput(format!("variation {}: {error}", variation.join(" ")))
+                }
+                error => error.into(),
+            })?;
             // Two spellings of one value, such as 0.9 and 0.90, would train the same config twice.
             let parsed =
                 serde_json::to_string(&config).map_err(|error| Failure::Failed(error.to_string()))?;

@@ -139,11 +139,6 @@ pub(super) fn pointer(path: &str) -> String {
     format!("/{}", path.replace('.', "/"))
 }
 
-/// The path of every key, `group.name`.
-pub fn key_paths() -> impl Iterator<Item = &'static str> {
-    KEYS.iter().map(|key| key.path)
-}
-
 const PERIOD: Allowed = Allowed::Integer(1, u64::MAX);
 const UNIT: Allowed = Allowed::Number("from 0 to 1", (Included(0.0), Included(1.0)));
 /// Most cells of a coordinate.

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
+use super::aliases::hint;
 use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, pointer};
 use super::{AGENTS, Config, ConfigError};
 use crate::env::Spec;
@@ -31,11 +32,12 @@ impl Layer {
         layer.checked()
     }
 
-    pub(super) fn from_sets(sets: &[String]) -> Result<Self, ConfigError> {
-        let mut layer = Self { origin: "--set".into(), values: BTreeMap::new() };
+    /// `key=value`s of the option `origin`.
+    pub(super) fn from_sets(origin: &str, sets: &[String]) -> Result<Self, ConfigError> {
+        let mut layer = Self { origin: origin.into(), values: BTreeMap::new() };
         for set in sets {
             let (key, text) = set.split_once('=').ok_or_else(|| ConfigError::Set { set: shown(set) })?;
-            let mut one = Self { origin: "--set".into(), values: BTreeMap::new() };
+            let mut one = Self { origin: origin.into(), values: BTreeMap::new() };
             one.insert(key.into(), serde_json::from_str(text).unwrap_or_else(|_| Node::Leaf(text.into())))?;
             layer.values.extend(one.values);
         }
@@ -111,7 +113,7 @@ impl Layer {
                 }
                 Some(Key { allowed, .. }) => allowed.to_string(),
                 None if members.is_empty() => {
-                    return Err(key_error(&self.origin, "unknown key", key, nearest_key(key)));
+                    return Err(key_error(&self.origin, "unknown key", key, hint(key, value)));
                 }
                 None if value.is_object() => continue,
                 None => format!("an object with {members}"),
@@ -217,7 +219,7 @@ impl<'de> Deserialize<'de> for Members {
 }
 
 /// Turns a float that is a whole number, such as `1000.0` or `1e3`, into an integer. The same happens in a list.
-fn whole(value: Value) -> Value {
+pub(super) fn whole(value: Value) -> Value {
     match (value.as_f64(), value) {
         (_, Value::Array(list)) => list.into_iter().map(whole).collect(),
         (Some(x), Value::Number(n)) if n.is_f64() && x.fract() == 0.0 && (0.0..9e15).contains(&x) => {
@@ -228,31 +230,11 @@ fn whole(value: Value) -> Value {
 }
 
 /// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages. Empty if there are none.
-fn keys_in(prefix: &str) -> String {
+pub(super) fn keys_in(prefix: &str) -> String {
     let below = KEYS.iter().filter_map(|key| key.path.strip_prefix(prefix)?.split('.').next());
     let mut keys: Vec<_> = below.map(|key| format!("`{key}`")).collect();
     keys.dedup();
     keys.join(", ")
-}
-
-fn nearest_key(key: &str) -> String {
-    const MAX_LENGTH: usize = 64;
-    let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_string();
-    // The right name in the wrong group counts almost as much as the right path. The group alone counts nothing.
-    let likeness = |known: &str| {
-        let like = strsim::normalized_damerau_levenshtein;
-        let name = like(&last(key), &last(known));
-        if name > 0.3 { like(key, known).max(0.9 * name) } else { 0.0 }
-    };
-    let known =
-        KEYS.iter().filter(|_| key.len() <= MAX_LENGTH).map(|known| (likeness(known.path), known.path));
-    let nearest = known.max_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(likeness, _)| *likeness > 0.6);
-    let siblings = key.split_once('.').map_or(String::new(), |(group, _)| keys_in(&format!("{group}.")));
-    match nearest {
-        Some((_, known)) => format!("did you mean `{known}`?"),
-        None if siblings.is_empty() => format!("allowed: {}", keys_in("")),
-        None => format!("allowed: {siblings}"),
-    }
 }
 
 fn key_error(origin: &str, problem: &'static str, key: &str, hint: String) -> ConfigError {

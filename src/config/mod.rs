@@ -5,6 +5,7 @@
 //! default and a line of `KEYS`. Messages, `config show`, the JSON Schema and the table in docs/configuration.md follow
 //! from that line. A new alternative of a group is a line of `keys::alternatives`.
 
+mod aliases;
 mod difference;
 mod dqn;
 mod environment;
@@ -35,9 +36,9 @@ use crate::nn::{Init, Loss, NetworkConfig, OptimizerConfig};
 use crate::text::excerpt;
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig, Trainer, TrainerConfig};
 
+pub use aliases::meanings;
 pub use difference::difference;
 pub use environment::{EnvironmentConfig, ProgramConfig};
-pub use keys::key_paths;
 pub use schema::{Setting, keys, markdown_table, schema};
 
 /// Largest config that is read, in bytes.
@@ -190,13 +191,30 @@ impl Config {
     /// # Errors
     /// The first thing that is wrong in a layer, or between layers.
     pub fn from_layers(file: Option<(&str, &str)>, sets: &[String]) -> Result<Self, ConfigError> {
+        Self::variation(file, sets, &[])
+    }
+
+    /// As [`Self::from_layers`], with the `key.path=value`s of `--vary` in the layer of `--set`.
+    ///
+    /// # Errors
+    /// See there.
+    pub fn variation(
+        file: Option<(&str, &str)>,
+        sets: &[String],
+        varied: &[String],
+    ) -> Result<Self, ConfigError> {
         let mut layers = Vec::new();
         if let Some((name, text)) = file {
             layers.push(Layer::from_json(name, text)?);
         }
-        if !sets.is_empty() {
-            layers.push(Layer::from_sets(sets)?);
-        }
+        let options = [("--set", sets), ("--vary", varied)];
+        let given = options.into_iter().filter(|(_, sets)| !sets.is_empty());
+        let given =
+            given.map(|(option, sets)| Layer::from_sets(option, sets)).collect::<Result<Vec<_>, _>>()?;
+        layers.extend(given.into_iter().reduce(|below, above| Layer {
+            origin: format!("{} and {}", below.origin, above.origin),
+            values: below.values.into_iter().chain(above.values).collect(),
+        }));
         let agent = layers.iter().rev().find_map(|layer| layer.values.get("agent"));
         let mut root = json!(Self::with_agent(agent.and_then(Value::as_str).unwrap_or(DQN)));
         layers.iter().try_for_each(|layer| layer.check_agent(&root))?;

@@ -17,7 +17,15 @@ refusals! {
     names_the_key_of_a_study_too: [], ["study", "--episodes", "500", "--seeds", "0..3", "--out", "s"]
         => [" study --set budget.episodes=500 --seeds 0..3 --out s\n"];
     names_the_keys_for_a_constant_epsilon: [], ["train", "--epsilon", "0.1"]
-        => ["--set exploration.initial=0.1 --set exploration.final=0.1"];
+        => ["--set exploration.initial=0.1 --set exploration.final=0.1", "`--epsilon` could also be --set optimizer.epsilon=0.1"];
+    names_the_key_of_an_option_of_explain: [], ["explain", "--update", "5", "--lr", "0.1"]
+        => ["`--lr` is no option of `explain`", " explain --update 5 --set optimizer.learning_rate=0.1\n"];
+    names_the_key_of_an_option_of_config_show: [], ["config", "show", "--memory-size", "9"]
+        => ["`--memory-size` is no option of `config show`", " config show --set replay.capacity=9\n"];
+    varies_several_values_of_an_option: [], ["study", "--lr", "1e-3,1e-4", "--seeds", "0..3", "--out", "s"]
+        => [" study --vary optimizer.learning_rate=1e-3,1e-4 --seeds 0..3 --out s\n"];
+    tells_explain_how_settings_are_given: [], ["explain", "foo"] => ["'foo'", "--set KEY=VALUE"];
+    tells_config_show_how_settings_are_given: [], ["config", "show", "foo"] => ["'foo'", "--set KEY=VALUE"];
     tells_a_decay_per_episode_from_one_over_steps: [], ["train", "--epsilon-decay", "0.995", "--eps-decay", "8000"]
         => ["exploration.schedule=per_episode --set exploration.decay=0.995", "exploration.schedule=linear --set exploration.steps=8000"];
     makes_a_list_of_layers: [], ["train", "--hidden", "64", "64"] => ["--set 'network.hidden=[64,64]'"];
@@ -37,6 +45,52 @@ refusals! {
     refuses_an_empty_standard_input: [], ["train", "--config", "-"] => ["standard input", "line 1 column 0"];
     refuses_weights_from_nowhere: [], ["train", "--init-from", "x"] => ["x", "No such file"];
     does_not_resume_with_other_weights: [], ["train", "--resume", "r", "--init-from", "x"] => ["--init-from", "--resume"];
+}
+
+/// What a word of another program means is the same behind `--`, `--set`, `--vary` and in a file.
+#[test]
+fn a_word_of_another_program_means_the_same_everywhere() {
+    let sandbox = Sandbox::new();
+    let words: [(&str, &str, &[&str]); 10] = [
+        ("lr", "0.1", &["optimizer.learning_rate"]),
+        ("memory_size", "500", &["replay.capacity"]),
+        ("batch-size", "32", &["replay.batch_size"]),
+        ("learning_rate", "0.1", &["optimizer.learning_rate"]),
+        ("total-timesteps", "500", &["budget.steps"]),
+        ("LR", "0.1", &["optimizer.learning_rate"]),
+        ("epsilon", "0.1", &["exploration.initial", "exploration.final", "optimizer.epsilon"]),
+        ("every_steps", "100", &["learn.every_steps", "target.every_steps", "evaluation.every_steps"]),
+        ("epsilon_decay", "0.99", &["exploration.schedule=per_episode", "exploration.decay"]),
+        ("tau", "0.01", &["target.kind=soft", "target.tau"]),
+    ];
+    for (word, value, keys) in words {
+        let pair = format!("{word}={value}");
+        let (option, file) = (format!("--{pair}"), format!("{{\"{word}\": {value}}}"));
+        sandbox.write("c.json", &file);
+        let unknown = [&[word, "did you mean"][..], keys].concat();
+        sandbox.refuses(&["train", &option], &[&["--set"][..], keys].concat());
+        for command in [&["train"][..], &["explain", "--update", "1"], &["config", "show"]] {
+            sandbox.refuses(&[command, &["--set", &pair]].concat(), &[&["--set: "], &unknown[..]].concat());
+            sandbox.refuses(
+                &[command, &["--config", "c.json"]].concat(),
+                &[&["c.json: "], &unknown[..]].concat(),
+            );
+        }
+        let study = ["study", "--out", "s", "--seeds", "0..2"];
+        sandbox.refuses(&[&study[..], &["--set", &pair]].concat(), &[&["--set: "], &unknown[..]].concat());
+        let assert = sandbox.run(&[&study[..], &["--vary", &pair]].concat()).code(2);
+        let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+        assert!(said.contains("--vary: ") && !said.contains("--set"), "{said}");
+        assert!(unknown.iter().all(|word| said.contains(word)), "{said}");
+    }
+    for (wrong, keys) in [
+        ("epsilom=0.1", &["`exploration.initial`", "`optimizer.epsilon`"][..]),
+        ("exploration.epsilon=0.1", &["`exploration.initial` and `exploration.final`?"]),
+        ("optim.lr=0.1", &["`optimizer.learning_rate`?"]),
+        ("memory_sise=9", &["`replay.capacity`?"]),
+    ] {
+        sandbox.refuses(&["train", "--set", wrong], &[&["did you mean"], keys].concat());
+    }
 }
 
 /// Every line that is given as advice is one that works, whatever the config.

@@ -74,7 +74,7 @@ refusals! {
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,1.5"]
         => ["variation gamma=1.5", "`gamma` is 1.5", "from 0 to 1"];
     refuses_a_variation_of_an_unknown_key:
-        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gama=0.9"] => ["`gama`", "`gamma`"];
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gama=0.9"] => ["error: --vary: unknown key `gama`; did you mean `gamma`?"];
     refuses_a_variation_without_values:
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma"] => ["--vary", "KEY=V1,V2"];
     refuses_an_empty_value:
