@@ -88,7 +88,7 @@ fn search(directory: &Path, depth: usize, found: &mut Found) {
 }
 
 /// When the run last wrote one of its own files; a report in the same directory is none of them.
-fn written_at(run: &Path) -> Option<SystemTime> {
+pub(super) fn written_at(run: &Path) -> Option<SystemTime> {
     let [config, metrics, summary, checkpoints] = RunDir::PARTS.map(|part| run.join(part));
     let files = [config, metrics, summary, checkpoints.join(BEST), checkpoints.join(LAST)];
     files.iter().filter_map(|file| file.symlink_metadata().ok()?.modified().ok()).max()

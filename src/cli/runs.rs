@@ -1,45 +1,38 @@
 //! `cartpole-dqn runs`
 
+use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::fs::TryLockError;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use clap::Args;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::find::{RUNS, find};
+use super::find::{RUNS, find, written_at};
 use super::ui::{Failure, note, print, print_json};
 use crate::config::Config;
 use crate::files::open_ordinary;
 use crate::run::RunDir;
 use crate::run::names::{LAST, PREVIOUS};
-use crate::text::{shortened, shown, visible, width};
+use crate::text::{COLUMNS, legend, lines, shortened, shown, table, visible};
 use crate::trainer::Evaluation;
 
 /// Longest line of a metrics file, in bytes; a line of `train` has a few hundred.
 const MAX_LINE: u64 = 1 << 16;
-/// Columns of the table.
-const WIDTH: usize = 80;
-/// Most columns of a cell but for the run's name, which takes what is left.
-const MAX_CELL: usize = 12;
-/// The configs of this repository, by which those of runs are called.
-const CONFIGS: [(&str, &str); 10] = [
-    ("cartpole", include_str!("../../configs/cartpole.json")),
-    ("tutorial", include_str!("../../configs/tutorial.json")),
-    ("fast", include_str!("../../configs/fast.json")),
-    ("plain", include_str!("../../configs/plain.json")),
-    ("smoke", include_str!("../../configs/smoke.json")),
-    ("acrobot", include_str!("../../configs/acrobot.json")),
-    ("mountain_car", include_str!("../../configs/mountain_car.json")),
-    ("q_table", include_str!("../../configs/q_table.json")),
-    ("q_table_fine", include_str!("../../configs/q_table_fine.json")),
-    ("q_table_mountain_car", include_str!("../../configs/q_table_mountain_car.json")),
-];
+/// Spaces before the keys that differ.
+const INDENT: usize = 4;
+/// Most columns of each cell of the table; the run's name takes what they leave.
+const WIDTHS: [usize; 8] = [16, usize::MAX, 10, 6, 7, 6, 6, 7];
 
 /// List the runs below a directory, the newest first.
 ///
-/// `steps` counts the training steps so far, `best` is the best evaluation and `final` the latest. `config` names the file in
-/// configs/ from which the run's config differs least, and +N says in how many keys it differs, apart from seed and budget.
+/// `written` is when the run last wrote a file, `steps` counts the training steps so far, `best` is the best evaluation, the latest
+/// of equals, and `final` the latest. `config` is what the config file was called, and ? where the run does not know. The line below
+/// a run has the keys that differ from the default, apart from seed and budget. A run that failed diverged: to train it again would
+/// end the same way.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn runs
          cartpole-dqn runs studies --json")]
@@ -70,7 +63,12 @@ struct Run {
     state: State,
     /// Why the run is damaged.
     problem: Option<String>,
-    config: Option<Named>,
+    /// When one of its files was last written.
+    written: Option<String>,
+    /// What the config was called that it was started with; none where the run does not know.
+    config: Option<String>,
+    /// The keys that differ from the default, but for seed and budget, with their values.
+    changed: BTreeMap<&'static str, Value>,
     seed: Option<u64>,
     #[serde(flatten)]
     history: History,
@@ -83,6 +81,8 @@ enum State {
     Running,
     /// It can be resumed.
     Stopped,
+    /// Its training has diverged, and would again.
+    Failed,
     Ended,
     Damaged,
 }
@@ -91,7 +91,7 @@ enum State {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 struct History {
     env_steps: Option<u64>,
-    /// The best evaluation, the first of equals.
+    /// The best evaluation, the latest of equals.
     best: Option<Evaluation>,
     /// The latest evaluation.
     #[serde(rename = "final")]
@@ -108,22 +108,10 @@ struct Line {
     mean: Option<f64>,
 }
 
-/// A config, by the nearest one that has a name.
-#[derive(Serialize)]
-struct Named {
-    nearest: &'static str,
-    /// The keys that differ.
-    changed: Vec<&'static str>,
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { directory, json } = arguments;
     let found = find(directory)?;
-    let named: Vec<(&str, Config)> = CONFIGS
-        .into_iter()
-        .filter_map(|(name, text)| Some((name, Config::from_layers(Some((name, text)), &[]).ok()?)))
-        .collect();
-    let runs = found.runs.iter().map(|path| Run::read(path, &named)).collect();
+    let runs = found.runs.iter().map(|path| Run::read(path)).collect();
     let unreadable = found.unreadable.into_iter().map(|(path, error)| Unreadable {
         path: path.to_string_lossy().into_owned(),
         problem: error.to_string(),
@@ -148,12 +136,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Run {
-    fn read(path: &Path, named: &[(&'static str, Config)]) -> Self {
+    fn read(path: &Path) -> Self {
         let mut run = Self {
             path: path.to_string_lossy().into_owned(),
             state: State::Damaged,
             problem: None,
+            written: written_at(path).and_then(iso),
             config: None,
+            changed: BTreeMap::new(),
             seed: None,
             history: History::default(),
         };
@@ -164,7 +154,9 @@ impl Run {
                 return run;
             }
         };
-        (run.seed, run.config) = (Some(config.seed), Named::of(&config, named));
+        let about = directory.read_about();
+        (run.seed, run.changed) = (Some(config.seed), changed_keys(&config));
+        run.config = about.as_ref().map(|about| about.config.clone());
         match History::read(&directory.metrics()) {
             Ok(history) => run.history = history,
             Err(error) => {
@@ -182,32 +174,32 @@ impl Run {
                 run.problem = Some(format!("{}: {LAST} and {PREVIOUS} are missing", folder.display()));
                 State::Damaged
             }
+            _ if about.is_some_and(|about| about.failed.is_some()) => State::Failed,
             _ => State::Stopped,
         };
         run
     }
 
-    fn cells(&self, root: &Path) -> [String; 7] {
-        let Self { path, state, config, seed, history, .. } = self;
+    fn cells(&self, root: &Path) -> Vec<String> {
+        let Self { path, state, written, config, seed, history, .. } = self;
         let or_none = |value: Option<String>| value.unwrap_or_else(|| "-".into());
         let name = match Path::new(path).strip_prefix(root) {
             Ok(name) if name != Path::new("") => shown(name),
             _ => visible(path),
         };
         let mean = |evaluation: Option<Evaluation>| or_none(evaluation.map(|e| format!("{:.1}", e.mean)));
-        let config = config.as_ref().map(|Named { nearest, changed }| match changed.len() {
-            0 => (*nearest).to_owned(),
-            count => format!("{nearest}+{count}"),
-        });
-        [
+        let cells = [
+            // To the minute.
+            or_none(written.as_ref().map(|time| time.replace('T', " ").chars().take(WIDTHS[0]).collect())),
             name,
-            or_none(config),
+            config.as_ref().map_or_else(|| "?".into(), |config| visible(config)),
             or_none(seed.map(|seed| seed.to_string())),
             or_none(history.env_steps.map(|steps| steps.to_string())),
             mean(history.best),
             mean(history.final_),
             state.name().into(),
-        ]
+        ];
+        cells.iter().zip(WIDTHS).map(|(cell, width)| shortened(cell, width)).collect()
     }
 }
 
@@ -216,6 +208,7 @@ impl State {
         match self {
             Self::Running => "running",
             Self::Stopped => "stopped",
+            Self::Failed => "failed",
             Self::Ended => "ended",
             Self::Damaged => "damaged",
         }
@@ -250,7 +243,7 @@ impl History {
         if let ("evaluation", Some(mean)) = (event.as_str(), mean) {
             let evaluation = Some(Evaluation { env_steps, mean });
             self.final_ = evaluation;
-            if self.best.is_none_or(|best| mean > best.mean) {
+            if self.best.is_none_or(|best| mean >= best.mean) {
                 self.best = evaluation;
             }
         }
@@ -264,50 +257,47 @@ fn is_locked(metrics: &Path) -> bool {
     file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
-impl Named {
-    fn of(config: &Config, named: &[(&'static str, Config)]) -> Option<Self> {
-        let changed = |other: &Config| changed_keys(config, other);
-        let all = named.iter().map(|(nearest, other)| Self { nearest, changed: changed(other) });
-        all.min_by_key(|named| named.changed.len())
-    }
+/// The keys that differ from the default, but for seed and budget.
+fn changed_keys(config: &Config) -> BTreeMap<&'static str, Value> {
+    let is_own = |path: &str| path == "seed" || path.starts_with("budget") || path == "$schema";
+    let changed = config.settings().into_iter().filter(|setting| setting.value != setting.default);
+    changed.filter(|setting| !is_own(setting.path)).map(|setting| (setting.path, setting.value)).collect()
 }
 
-/// The keys in which two configs differ, but for seed and budget.
-fn changed_keys(config: &Config, other: &Config) -> Vec<&'static str> {
-    let [settings, others] = [config, other].map(Config::settings);
-    let value = |path: &str| others.iter().find(|setting| setting.path == path).map(|setting| &setting.value);
-    let is_own = |path: &str| path == "seed" || path.starts_with("budget") || path == "$schema";
-    let changed = settings.iter().filter(|setting| value(setting.path) != Some(&setting.value));
-    changed.map(|setting| setting.path).filter(|path| !is_own(path)).collect()
+/// A time of this calendar, to the second.
+fn iso(time: SystemTime) -> Option<String> {
+    let mut text = String::new();
+    let time = Some(time).filter(|time| *time >= SystemTime::UNIX_EPOCH)?;
+    // A year of five digits is an error.
+    write!(text, "{}", humantime::format_rfc3339_seconds(time)).ok().map(|()| text)
 }
 
 impl List {
+    /// The runs as a table. A line below a run has as many of the keys that differ as fit.
     fn table(&self, root: &Path) -> String {
-        let head = ["run", "config", "seed", "steps", "best", "final", "state"].map(String::from);
-        let mut rows: Vec<_> =
-            std::iter::once(head).chain(self.runs.iter().map(|run| run.cells(root))).collect();
-        for cell in rows.iter_mut().flat_map(|row| &mut row[1..]) {
-            *cell = shortened(cell, MAX_CELL);
-        }
-        let widest = |column: usize| rows.iter().map(|row| width(&row[column])).max().unwrap_or(0);
-        let mut widths = [0, 1, 2, 3, 4, 5, 6].map(widest);
-        let others = widths[1..].iter().map(|width| width + 2).sum::<usize>();
-        widths[0] = widths[0].min(WIDTH - others);
+        let head =
+            ["written (UTC)", "run", "config", "seed", "steps", "best", "final", "state"].map(String::from);
+        let rows: Vec<Vec<String>> =
+            std::iter::once(head.to_vec()).chain(self.runs.iter().map(|run| run.cells(root))).collect();
+        let table = table(&rows);
         let mut text = String::new();
-        for row in &rows {
-            let name = shortened(&row[0], widths[0]);
-            let padding = " ".repeat(widths[0] - width(&name));
-            let cells: [String; 6] = [1, 2, 3, 4, 5, 6].map(|column| {
-                let (cell, width) = (&row[column], widths[column]);
-                if [1, 6].contains(&column) {
-                    format!("  {cell:<width$}")
-                } else {
-                    format!("  {cell:>width$}")
-                }
-            });
-            text += (name + &padding + &cells.concat()).trim_end();
-            text.push('\n');
+        for (i, line) in table.lines().enumerate() {
+            text += &format!("{line}\n");
+            if let Some(Run { changed, .. }) = i.checked_sub(1).and_then(|run| self.runs.get(run))
+                && !changed.is_empty()
+            {
+                // First what tells the runs apart.
+                let is_shared = |(key, value): &(&&str, &Value)| {
+                    self.runs.iter().all(|other| other.changed.get(**key) == Some(*value))
+                };
+                let (shared, own): (Vec<_>, Vec<_>) = changed.iter().partition(is_shared);
+                let keys = own.into_iter().chain(shared).map(|(key, value)| format!("{key}={value}"));
+                let keys: Vec<String> = keys.collect();
+                let keys = lines(&visible(&keys.join(" ")), COLUMNS - INDENT - 2);
+                let more = if keys.len() > 1 { " …" } else { "" };
+                text += &format!("{:INDENT$}{}{more}\n", "", keys[0]);
+            }
         }
-        text
+        text + &legend(&rows, &table)
     }
 }

@@ -13,7 +13,7 @@ use super::ui::{Failure, cannot_write, check_out, note, print, print_json, progr
 use crate::config::{Config, MAX_BYTES};
 use crate::env::Spec;
 use crate::files::read_text_limited;
-use crate::run::{Record, Recorder, Resumed, RunDir, Started, resume, start};
+use crate::run::{Ended, Record, Recorder, Resumed, RunDir, Started, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::{shell_word, shown};
 use crate::trainer::{Budget, EndReason, Evaluation, Fanout, Summary, TrainError, Trainer};
@@ -89,9 +89,16 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
     let Started { dir: run, config, mut trainer, recorder, notes } = match started {
         Resumed::Run(started) => *started,
-        Resumed::Ended(run, why) => {
-            note(&why);
-            return if arguments.json { print_json(&read_summary(&run)?) } else { Ok(()) };
+        Resumed::Ended(ended) => {
+            let how = format!("{}. To train on, type\n  {}", ended.why, extending_command(&ended));
+            if ended.is_extended {
+                let path = shown(ended.dir.path());
+                return Err(Failure::BadInput(format!(
+                    "directory {path}: with these settings nothing is trained: {how}"
+                )));
+            }
+            note(&how);
+            return if arguments.json { print_json(&read_summary(&ended.dir)?) } else { Ok(()) };
         }
     };
     notes.iter().for_each(|text| note(text));
@@ -118,6 +125,10 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         }
         Ok(reason) => reason,
         Err(error) => {
+            if let TrainError::Diverged { .. } = error {
+                // Training it again would end the same way. Where this cannot be written, the run is one that was stopped.
+                let _ = run.set_failed(Some(error.to_string()));
+            }
             drop(observers);
             let is_result = matches!(error, TrainError::Diverged { .. });
             let stopped = if is_result { None } else { signals::asked() };
@@ -195,7 +206,7 @@ fn observers<'a>(
         let pace = arguments.pace.unwrap_or(Pace::FULL);
         let (name, end_process) = (run.path().to_string_lossy(), signals.end_process());
         let environment = (config.make())(trainer.spec().max_steps)?;
-        let live = Live::open(&name, environment, budget, pace, &signals.interrupts, end_process)?;
+        let live = Live::open(&name, environment, budget, env_steps, pace, &signals.interrupts, end_process)?;
         observers.0.push(Box::new(live));
     } else if let Some(every) = arguments.log_every {
         observers.0.push(Box::new(EpisodeLog::new(budget, every)));
@@ -219,7 +230,7 @@ fn start_new(arguments: &Arguments, config: &Config) -> Result<Started, Failure>
     config.check_memory(1).map_err(Failure::BadInput)?;
     let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, config));
     check_out(&out)?;
-    Ok(start(&out, arguments.force, config, arguments.init_from.as_deref())?)
+    Ok(start(&out, arguments.force, &arguments.layers.name(), config, arguments.init_from.as_deref())?)
 }
 
 fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
@@ -318,6 +329,16 @@ fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &Spec) -> String 
         None => "",
     };
     format!("mean return {mean:.1} in the evaluation at step {env_steps}{solved}")
+}
+
+/// What trains a run on that has ended, or a new run like it that does not end where it did.
+fn extending_command(Ended { dir, config, sets, can_resume, .. }: &Ended) -> String {
+    let sets: String = sets.iter().map(|set| format!(" --set {}", shell_word(set))).collect();
+    if *can_resume {
+        return resume_command(dir, config) + &sets;
+    }
+    let config_file = dir.config().to_string_lossy().into_owned();
+    format!("{} train --config {}{}{sets}", program(), shell_word(&config_file), allowance(config))
 }
 
 fn resume_command(run: &RunDir, config: &Config) -> String {

@@ -4,8 +4,7 @@ use std::iter::once;
 
 use serde_json::Value;
 
-use super::keys::{KEYS, Key};
-use super::layer::{keys_in, whole};
+use super::keys::{KEYS, Key, whole};
 
 /// Longest word that is compared with others.
 const MAX_LENGTH: usize = 64;
@@ -108,6 +107,14 @@ pub(super) fn hint(key: &str, value: &Value) -> String {
     }
     let siblings = key.split_once('.').map_or(String::new(), |(group, _)| keys_in(&format!("{group}.")));
     format!("allowed: {}", if siblings.is_empty() { keys_in("") } else { siblings })
+}
+
+/// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages. Empty if there are none.
+pub(super) fn keys_in(prefix: &str) -> String {
+    let below = KEYS.iter().filter_map(|key| key.path.strip_prefix(prefix)?.split('.').next());
+    let mut keys: Vec<_> = below.map(|key| format!("`{key}`")).collect();
+    keys.dedup();
+    keys.join(", ")
 }
 
 /// The word that a misspelled key is most like.

@@ -134,6 +134,17 @@ pub(super) fn object(value: impl Serialize) -> Map<String, Value> {
     if let Value::Object(map) = json!(value) { map } else { Map::new() }
 }
 
+/// Turns a float that is a whole number, such as `1000.0` or `1e3`, into an integer. The same happens in a list.
+pub(super) fn whole(value: Value) -> Value {
+    match (value.as_f64(), value) {
+        (_, Value::Array(list)) => list.into_iter().map(whole).collect(),
+        (Some(x), Value::Number(n)) if n.is_f64() && x.fract() == 0.0 && (0.0..9e15).contains(&x) => {
+            json!(x as u64)
+        }
+        (_, value) => value,
+    }
+}
+
 /// Where the value of a key is in a config's JSON, as a JSON Pointer.
 pub(super) fn pointer(path: &str) -> String {
     format!("/{}", path.replace('.', "/"))

@@ -8,8 +8,8 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
-use super::aliases::hint;
-use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, pointer};
+use super::aliases::{hint, keys_in};
+use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, pointer, whole};
 use super::{AGENTS, Config, ConfigError};
 use crate::env::Spec;
 use crate::text::excerpt;
@@ -216,25 +216,6 @@ impl<'de> Deserialize<'de> for Members {
         }
         deserializer.deserialize_map(Object)
     }
-}
-
-/// Turns a float that is a whole number, such as `1000.0` or `1e3`, into an integer. The same happens in a list.
-pub(super) fn whole(value: Value) -> Value {
-    match (value.as_f64(), value) {
-        (_, Value::Array(list)) => list.into_iter().map(whole).collect(),
-        (Some(x), Value::Number(n)) if n.is_f64() && x.fract() == 0.0 && (0.0..9e15).contains(&x) => {
-            json!(x as u64)
-        }
-        (_, value) => value,
-    }
-}
-
-/// The keys directly below a prefix (`"budget."`, or `""` for the top level), for messages. Empty if there are none.
-pub(super) fn keys_in(prefix: &str) -> String {
-    let below = KEYS.iter().filter_map(|key| key.path.strip_prefix(prefix)?.split('.').next());
-    let mut keys: Vec<_> = below.map(|key| format!("`{key}`")).collect();
-    keys.dedup();
-    keys.join(", ")
 }
 
 fn key_error(origin: &str, problem: &'static str, key: &str, hint: String) -> ConfigError {

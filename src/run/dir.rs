@@ -5,9 +5,11 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use serde::{Deserialize, Serialize};
+
 use super::names::{
-    BEST, CHECKPOINTS, CONFIG, INIT, LAST, MANIFEST, METRICS, PREVIOUS, PROGRESS, SUMMARY, TENSORBOARD,
-    is_of_a_report,
+    ABOUT, BEST, CHECKPOINTS, CONFIG, INIT, LAST, MANIFEST, METRICS, PREVIOUS, PROGRESS, SUMMARY,
+    TENSORBOARD, is_of_a_report,
 };
 use super::{Checkpoint, RunError, bad, unwritable};
 use crate::config::{Config, MAX_BYTES};
@@ -17,6 +19,16 @@ use crate::files::{
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::text::shown;
 use crate::trainer::{Evaluation, Summary};
+
+/// What is known of a run besides what it trains, which is no part of its result.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// What the config was called that the run was started with.
+    pub config: String,
+    /// Why it cannot be trained any further, with its config.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failed: Option<String>,
+}
 
 /// A run's directory and the paths in it.
 #[derive(Clone, Debug)]
@@ -39,10 +51,11 @@ impl RunDir {
     /// Makes the directory of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A directory with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
     /// then removed. Nothing is changed before the metrics are locked: another process may train in the directory.
-    /// `init` is the file of the weights that the run starts with, where they are not drawn.
+    /// `name` is what the config is called, and `init` the file of the weights that the run starts with, where they are not drawn.
     pub fn create(
         path: &Path,
         force: bool,
+        name: &str,
         config: &Config,
         init: Option<&Checkpoint>,
     ) -> Result<(Self, JsonLines), RunError> {
@@ -62,7 +75,7 @@ impl RunDir {
         let filled = run.replaced(force).and_then(|replaced| {
             let created = run.directory().and_then(|directory| directory.create_dir(&run.checkpoints()));
             made_checkpoints = created.map_err(failed)?;
-            run.fill(&mut metrics, replaced, config, init).map_err(failed)
+            run.fill(&mut metrics, replaced, name, config, init).map_err(failed)
         });
         filled.inspect_err(|_| {
             // Between the making of the metrics and their lock another process may have made a run, and even ended it.
@@ -70,6 +83,7 @@ impl RunDir {
                 if is_new && !run.config().exists() {
                     let _ = directory.remove_file(&run.metrics());
                     let _ = directory.remove_file(&run.init());
+                    let _ = directory.remove_file(&run.about());
                 }
                 if made_checkpoints {
                     let _ = directory.remove_dir(&run.checkpoints());
@@ -131,7 +145,7 @@ impl RunDir {
     pub fn open(path: &Path) -> Result<(Self, Config), RunError> {
         let run = Self::from(path);
         let config = run.read_config()?;
-        let mut files = vec![run.config(), run.metrics(), run.summary(), run.progress()];
+        let mut files = vec![run.config(), run.about(), run.metrics(), run.summary(), run.progress()];
         files.extend([run.best(), run.last(), run.previous(), run.init()]);
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
             Ok(found) if [run.checkpoints(), run.tensorboard()].contains(path) => !found.is_dir(),
@@ -193,6 +207,7 @@ impl RunDir {
         &self,
         metrics: &mut JsonLines,
         replaced: Vec<PathBuf>,
+        name: &str,
         config: &Config,
         init: Option<&Checkpoint>,
     ) -> io::Result<()> {
@@ -215,6 +230,7 @@ impl RunDir {
         if let Some(init) = init {
             init.write_below(directory, &self.init(), None)?;
         }
+        self.write_json(&self.about(), &About { config: name.into(), failed: None })?;
         self.write_json(&self.config(), config)
     }
 
@@ -249,6 +265,7 @@ impl RunDir {
                 && is_ordinary(&path)
                 && entry.metadata().is_ok_and(|file| file.len() == 0))
             || (path == self.checkpoints() && !path.is_symlink() && is_empty_folder())
+            || (path == self.about() && is_ordinary(&path) && !self.config().exists())
     }
 
     /// The files of a run that is to be replaced, but for its config and metrics, after making sure that there are no
@@ -263,7 +280,15 @@ impl RunDir {
             ));
         }
         let stay = [self.config(), self.metrics()];
-        let go = [self.summary(), self.progress(), self.best(), self.last(), self.previous(), self.init()];
+        let go = [
+            self.about(),
+            self.summary(),
+            self.progress(),
+            self.best(),
+            self.last(),
+            self.previous(),
+            self.init(),
+        ];
         let mut entries = Vec::new();
         let mut files = Vec::new();
         for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
@@ -311,6 +336,24 @@ impl RunDir {
     /// Where [`CONFIG`](super::names::CONFIG) is.
     pub fn config(&self) -> PathBuf {
         self.path.join(CONFIG)
+    }
+    /// Where [`ABOUT`](super::names::ABOUT) is.
+    pub fn about(&self) -> PathBuf {
+        self.path.join(ABOUT)
+    }
+    /// What is known of the run; none of one that an earlier version has started.
+    pub fn read_about(&self) -> Option<About> {
+        serde_json::from_str(&read_text_limited(&self.about(), MAX_BYTES).ok()?).ok()
+    }
+    /// Keeps why the run cannot be trained any further, or that it can.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
+        match self.read_about() {
+            Some(about) if about.failed != failed => self.write_json(&self.about(), &About { failed, ..about }),
+            _ => Ok(()),
+        }
     }
     /// Where [`METRICS`](super::names::METRICS) is.
     pub fn metrics(&self) -> PathBuf {

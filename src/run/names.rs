@@ -2,6 +2,8 @@
 
 /// What a run writes into its directory.
 pub const CONFIG: &str = "config.json";
+/// What the run was started as, and whether it has failed.
+pub const ABOUT: &str = "run.json";
 /// One event a line.
 pub const METRICS: &str = "metrics.jsonl";
 /// A part of the events as a table.

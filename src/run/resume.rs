@@ -34,18 +34,40 @@ pub struct Started {
 pub enum Resumed {
     /// To train.
     Run(Box<Started>),
-    /// Nothing: it has ended. Why, for the user.
-    Ended(RunDir, String),
+    /// Nothing: it has ended.
+    Ended(Box<Ended>),
 }
 
-/// Makes a new run in a directory. `init` is the policy that it starts with: a run's directory or a file.
+/// A run that has ended, so that there is nothing to resume.
+pub struct Ended {
+    /// Its directory.
+    pub dir: RunDir,
+    /// Its config, with what was to be set.
+    pub config: Config,
+    /// Why there is nothing to train, for the user.
+    pub why: String,
+    /// Whether the settings that were given ask for something that the run does not have.
+    pub is_extended: bool,
+    /// Settings with which it would train on.
+    pub sets: Vec<String>,
+    /// Whether it is the run that would train on, and not a new one.
+    pub can_resume: bool,
+}
+
+/// Makes a new run in a directory. `name` is what its config is called, and `init` the policy that it starts with: a run's directory or a file.
 ///
 /// # Errors
 /// When the directory cannot be used, or the policy does not fit; nothing of the run stays then.
-pub fn start(path: &Path, force: bool, config: &Config, init: Option<&Path>) -> Result<Started, RunError> {
+pub fn start(
+    path: &Path,
+    force: bool,
+    name: &str,
+    config: &Config,
+    init: Option<&Path>,
+) -> Result<Started, RunError> {
     let mut trainer = config.make_trainer()?;
     let init = init.map(|path| start_from(&checkpoint_of(path)?, &mut trainer)).transpose()?;
-    let (dir, metrics) = RunDir::create(path, force, config, init.as_ref())?;
+    let (dir, metrics) = RunDir::create(path, force, name, config, init.as_ref())?;
     let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics)?;
     // From now on a run without a checkpoint is one that has lost it, however early the process is killed.
     save(&mut trainer, &mut recorder)?;
@@ -61,7 +83,7 @@ pub fn start_again(
     config: &Config,
     init: Option<&Checkpoint>,
 ) -> Result<(RunDir, Recorder), RunError> {
-    let (dir, metrics) = RunDir::create(path, false, config, init)?;
+    let (dir, metrics) = RunDir::create(path, false, "", config, init)?;
     Ok((dir.clone(), Recorder::new(dir, config.clone(), metrics)?))
 }
 
@@ -134,29 +156,14 @@ pub fn resume(
     config.check_memory(1).map_err(RunError::BadInput)?;
     let mut notes = Vec::new();
     let (mut trainer, falls_back) = latest(&dir, &config, &mut notes)?;
-    let (steps, episodes) = (trainer.progress().env_steps, trainer.progress().episodes);
-    if trainer.is_past_budget() {
-        let budget = json!(config.budget);
-        return Err(bad(
-            path,
-            format!(
-                "holds a run that is already past the budget {budget}: it is at step {steps} and in episode {episodes}; give \
-                 it a larger budget"
-            ),
-        ));
-    }
+    let steps = trainer.progress().env_steps;
     let branches = trainer.progress().branched_at_step == Some(steps);
-    if let (Some(reason), true) = (trainer.end_reason(), dir.summary().is_file()) {
-        return match branches {
-            true => Err(bad(
-                path,
-                format!(
-                    "holds a run that has ended; give it a larger budget with the schedule, such as --set budget.steps={}",
-                    steps.saturating_mul(2)
-                ),
-            )),
-            false => Ok(Resumed::Ended(dir, has_ended(reason, steps, episodes))),
-        };
+    let has_ended = trainer.end_reason().filter(|_| trainer.is_past_budget() || dir.summary().is_file());
+    if let Some(reason) = has_ended {
+        let is_extended = branches || trainer.is_past_budget() || config != recorded;
+        let (can_resume, sets) = (reason != EndReason::Solved, what_extends(&trainer, reason, sets));
+        let why = why_ended(&trainer, reason);
+        return Ok(Resumed::Ended(Box::new(Ended { dir, config, why, is_extended, sets, can_resume })));
     }
     let events = trainer.progress().events;
     let failed = |error: io::Error| unwritable(path, error, "");
@@ -186,23 +193,39 @@ pub fn resume(
 }
 
 /// Why there is nothing to resume.
-fn has_ended(reason: EndReason, steps: u64, episodes: u64) -> String {
+fn why_ended(trainer: &Trainer, reason: EndReason) -> String {
+    let (steps, episodes) = (trainer.progress().env_steps, trainer.progress().episodes);
     match reason {
-        EndReason::Solved => {
-            format!("the run solved its task after {steps} steps and ended there; there is nothing to resume")
-        }
-        EndReason::Lasting => format!(
-            "the run ended after {steps} steps with a policy that lasts; to train on all the same, say --set \
-             stop_when_lasting_steps=null, and if its budget is used up too, give it a larger one, for example --set \
-             budget.steps={}",
-            steps.saturating_mul(2)
+        EndReason::Solved => format!("the run solved its task after {steps} steps and ended there"),
+        EndReason::Lasting => format!("the run ended after {steps} steps with a policy that lasts"),
+        _ if trainer.is_past_budget() => format!(
+            "the run is already past the budget {}: it is at step {steps} and in episode {episodes}",
+            json!(trainer.config().budget)
         ),
-        _ => format!(
-            "the run has ended after {steps} steps and {episodes} episodes; to extend it, give it a larger budget, \
-             for example --set budget.steps={}",
-            steps.saturating_mul(2)
-        ),
+        _ => format!("the run has ended after {steps} steps and {episodes} episodes"),
     }
+}
+
+/// The given settings, with what else a run needs that has ended so that it would train on. A budget is counted in what the
+/// user counts it in.
+fn what_extends(trainer: &Trainer, reason: EndReason, given: &[String]) -> Vec<String> {
+    let progress = trainer.progress();
+    let (unit, done, budget) = match trainer.config().budget {
+        Budget::Steps(steps) => ("steps", progress.env_steps, steps),
+        Budget::Episodes(episodes) => ("episodes", progress.episodes, episodes),
+    };
+    let is_used_up = done >= budget;
+    let is_kept = |set: &&String| !(is_used_up && set.starts_with("budget"));
+    let mut sets: Vec<String> = given.iter().filter(is_kept).cloned().collect();
+    if is_used_up {
+        sets.push(format!("budget.{unit}={}", done.saturating_mul(2)));
+    }
+    match reason {
+        EndReason::Solved => sets.push("stop_when_solved=false".into()),
+        EndReason::Lasting => sets.push("stop_when_lasting_steps=null".into()),
+        _ => {}
+    }
+    sets
 }
 
 /// What a resumed run may change besides its budget.
@@ -362,6 +385,7 @@ fn can_be_replaced(problem: &CheckpointProblem) -> bool {
 
 /// Removes what the run has written after its checkpoint, the metrics apart.
 fn take_back(run: &RunDir, trainer: &Trainer, falls_back: bool) -> io::Result<()> {
+    run.set_failed(None)?;
     let directory = run.directory()?;
     directory.create_dir(&run.checkpoints())?;
     directory.remove_unfinished(run.path())?;

@@ -49,7 +49,7 @@ enum Message {
 }
 
 impl Live {
-    /// Opens the view of a run. The first who quits stops the run at its next step; the second, for whom that takes too
+    /// Opens the view of a run that has done so many steps. The first who quits stops the run at its next step; the second, for whom that takes too
     /// long, is given the terminal back and calls `end_process`.
     ///
     /// # Errors
@@ -58,12 +58,13 @@ impl Live {
         name: &str,
         environment: Box<dyn Environment>,
         budget: Budget,
+        env_steps: u64,
         pace: Pace,
         interrupts: &Interrupts,
         end_process: impl FnOnce() + Send + 'static,
     ) -> Result<Self, NoView> {
         let screen = Screen::open()?;
-        let shared = Arc::new(Shared::new(pace, environment.spec().steps_per_second));
+        let shared = Arc::new(Shared::new(pace, environment.spec().steps_per_second, env_steps));
         close_in_panic(&shared);
         let (messages, inbox) = channel();
         let view = View {
@@ -84,7 +85,7 @@ impl Live {
         })?;
         Ok(Self {
             messages,
-            brake: Brake::new(),
+            brake: Brake::new(env_steps),
             shared,
             stop: Arc::clone(&interrupts.stop),
             ended: false,

@@ -60,10 +60,10 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    pub(super) fn new(pace: Pace, steps_per_second: f64) -> Self {
+    pub(super) fn new(pace: Pace, steps_per_second: f64, env_steps: u64) -> Self {
         Self {
             pace: AtomicU64::new(pace.0.to_bits()),
-            allowed_steps: AtomicU64::new(0),
+            allowed_steps: AtomicU64::new(env_steps),
             closing: AtomicBool::new(false),
             steps_per_second,
         }
@@ -90,8 +90,8 @@ pub(super) struct Brake {
 
 impl Brake {
     /// A brake for a run that has done so many steps.
-    pub(super) fn new() -> Self {
-        Self { allowed: 0.0, last: Instant::now() }
+    pub(super) fn new(env_steps: u64) -> Self {
+        Self { allowed: env_steps as f64, last: Instant::now() }
     }
 
     /// Waits until the pace allows `env_steps`, or `stop` is set.
@@ -141,10 +141,10 @@ mod tests {
     }
 
     fn waited(pace: Pace, paused: bool, stop: bool, env_steps: u64) -> Duration {
-        let shared = Shared::new(pace, 50.0);
+        let shared = Shared::new(pace, 50.0, 0);
         shared.set_pace(pace, paused);
         let start = Instant::now();
-        Brake::new().wait(env_steps, &shared, &AtomicBool::new(stop));
+        Brake::new(0).wait(env_steps, &shared, &AtomicBool::new(stop));
         start.elapsed()
     }
 
@@ -160,11 +160,21 @@ mod tests {
     }
 
     #[test]
+    fn a_resumed_run_is_held_back_from_its_own_step_on() {
+        let shared = Shared::new(Pace(1.0), 50.0, 1_000_000);
+        assert_eq!(shared.allowed_steps.load(Ordering::Relaxed), 1_000_000);
+        let start = Instant::now();
+        // From step 0 on it would be six hours.
+        Brake::new(1_000_000).wait(1_000_010, &shared, &AtomicBool::new(false));
+        assert!(start.elapsed() >= Duration::from_millis(199));
+    }
+
+    #[test]
     fn a_pause_ends_when_the_pace_is_full() {
-        let shared = Shared::new(Pace(1.0), 50.0);
+        let shared = Shared::new(Pace(1.0), 50.0, 0);
         shared.set_pace(Pace(1.0), true);
         std::thread::scope(|scope| {
-            let waiting = scope.spawn(|| Brake::new().wait(1000, &shared, &AtomicBool::new(false)));
+            let waiting = scope.spawn(|| Brake::new(0).wait(1000, &shared, &AtomicBool::new(false)));
             std::thread::sleep(Duration::from_millis(50));
             assert!(!waiting.is_finished());
             shared.set_pace(Pace::FULL, false);

@@ -194,8 +194,10 @@ refusals! {
         [("my.json", b"{}")], ["train", "my.json"] => ["'my.json'", "--config FILE"];
     refuses_a_flag_that_nobody_knows_and_names_set: [], ["train", "--frobnicate", "1"] => ["'--frobnicate'", "--set KEY=VALUE"];
     refuses_a_set_with_a_space: [], ["train", "--set", "gamma", "0.9"] => ["'0.9'", "--set KEY=VALUE"];
-    refuses_the_short_name_of_a_key_and_lists_its_group:
-        [], ["train", "--set", "optimizer.lr=0.1"] => ["`optimizer.lr`", "`learning_rate`"];
+    refuses_the_short_name_of_a_key_and_names_the_key:
+        [], ["train", "--set", "optimizer.lr=0.1"] => ["`optimizer.lr`", "did you mean `optimizer.learning_rate`?"];
+    refuses_an_unlike_key_and_lists_its_group:
+        [], ["train", "--set", "optimizer.zzzzzz=0.1"] => ["`optimizer.zzzzzz`", "allowed: `learning_rate`, `beta1`"];
     refuses_layers_that_are_no_list: [], ["train", "--set", "network.hidden=24,24"] => ["\"24,24\"", "such as [24, 24]"];
     refuses_a_trailing_comma: [("my.json", b"{\"gamma\": 0.9,}")], CONFIG => ["my.json", "trailing comma", "line 1"];
     refuses_a_number_of_steps_in_place_of_a_budget:
@@ -278,6 +280,7 @@ fn a_run_goes_into_an_empty_folder_and_leaves_nothing_else() {
         "/config.json",
         "/metrics.jsonl",
         "/progress.csv",
+        "/run.json",
         "/summary.json",
     ];
     let expected = expected.iter().map(|name| sandbox.path(&format!("run{name}")));

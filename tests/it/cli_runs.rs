@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 use predicates::prelude::*;
 use serde_json::{Value, json};
 
-use crate::cli::{Sandbox, refusals, stdout_json};
+use crate::cli::{DIVERGING, Sandbox, refusals, sets, stdout_json};
 
 refusals! {
     refuses_to_list_a_missing_directory: [], ["runs"] => ["runs does not exist", "train the first one"];
@@ -37,7 +37,10 @@ fn table(sandbox: &Sandbox, arguments: &[&str]) -> Vec<Vec<String>> {
     let assert = sandbox.run(&[&["runs"], arguments].concat()).success();
     let text = String::from_utf8(assert.get_output().stdout.clone()).unwrap();
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
-    text.lines().map(|line| line.split_whitespace().map(String::from).collect()).collect()
+    // Below a run are the keys that differ.
+    let rows =
+        text.lines().take_while(|line| *line != "Names in full:").filter(|line| !line.starts_with("    "));
+    rows.map(|line| line.split_whitespace().map(String::from).collect()).collect()
 }
 
 #[test]
@@ -46,9 +49,11 @@ fn runs_are_listed_with_the_newest_first() {
     train_at(&sandbox, "runs/old", 1, &["--seed", "7"]);
     train_at(&sandbox, "runs/deep/er/new", 2, &["--set", "gamma=0.5"]);
     let rows = table(&sandbox, &[]);
-    assert_eq!(rows[0], ["run", "config", "seed", "steps", "best", "final", "state"]);
-    let names: Vec<&str> = rows[1..].iter().map(|row| row[0].as_str()).collect();
+    assert_eq!(rows[0][2..], ["run", "config", "seed", "steps", "best", "final", "state"]);
+    let names: Vec<&str> = rows[1..].iter().map(|row| row[2].as_str()).collect();
     assert_eq!(names, ["deep/er/new", "old"]);
+    assert_eq!(rows[2][..2], ["2023-11-14", "22:13"]);
+    sandbox.run(&["runs"]).success().stdout(predicate::str::contains("gamma=0.5"));
 
     let list = stdout_json(&sandbox.run(&["runs", "--json"]).success().stderr(""));
     let old = &list["runs"][1];
@@ -56,8 +61,60 @@ fn runs_are_listed_with_the_newest_first() {
     assert_eq!((&old["path"], &old["state"], &old["seed"]), (&json!("runs/old"), &json!("ended"), &json!(7)));
     assert_eq!((&old["env_steps"], &old["best"]), (&json!(200), &summary["best_evaluation"]));
     assert_eq!(old["final"], summary["final_evaluation"]);
-    let changed: Vec<String> = serde_json::from_value(list["runs"][0]["config"]["changed"].clone()).unwrap();
-    assert!(changed.iter().any(|key| key == "gamma"), "{changed:?}");
+    assert_eq!(old["written"], "2023-11-14T22:13:21Z");
+    assert_eq!(list["runs"][0]["changed"]["gamma"], 0.5);
+}
+
+#[test]
+fn a_run_knows_the_config_that_it_was_started_with_and_that_it_has_failed() {
+    let sandbox = Sandbox::new();
+    sandbox.write("mine.json", "{\"seed\": 3}");
+    train_at(&sandbox, "runs/a", 3, &["--config", "mine.json"]);
+    train_at(&sandbox, "runs/b", 2, &[]);
+    fs::remove_file(sandbox.path("runs/b/run.json")).unwrap();
+    let diverging = [&["train", "--quiet", "--out", "runs/c"], &sets(DIVERGING)[..]].concat();
+    sandbox.run(&diverging).code(1);
+    set_time(&sandbox, "runs/c", 1);
+    let list = stdout_json(&sandbox.run(&["runs", "--json"]).success());
+    let of =
+        |key: &str| list["runs"].as_array().unwrap().iter().map(|run| run[key].clone()).collect::<Vec<_>>();
+    assert_eq!(of("config"), [json!("mine"), Value::Null, json!("cartpole")]);
+    assert_eq!(of("state"), ["ended", "ended", "failed"]);
+    let rows = table(&sandbox, &[]);
+    assert_eq!((&rows[1][3], &rows[2][3]), (&"mine".into(), &"?".into()));
+}
+
+#[test]
+fn the_best_evaluation_is_the_latest_of_equals() {
+    let sandbox = Sandbox::with_run();
+    let event =
+        |step: u64, mean: f64| format!("{{\"event\":\"evaluation\",\"env_steps\":{step},\"mean\":{mean}}}\n");
+    sandbox.write("run/metrics.jsonl", event(1, 20.0) + &event(2, 20.0) + &event(3, 5.0));
+    let list = stdout_json(&sandbox.run(&["runs", ".", "--json"]).success());
+    assert_eq!(list["runs"][0]["best"], json!({"env_steps": 2, "mean": 20.0}));
+}
+
+#[test]
+fn a_time_that_no_calendar_has_is_none() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--quiet", "--out", "runs/a"]).success();
+    for time in [
+        SystemTime::UNIX_EPOCH - Duration::from_secs(9),
+        SystemTime::UNIX_EPOCH + Duration::from_secs(1 << 38),
+    ] {
+        for file in [
+            "config.json",
+            "metrics.jsonl",
+            "summary.json",
+            "checkpoints/best.safetensors",
+            "checkpoints/last.safetensors",
+        ] {
+            let file = File::options().append(true).open(sandbox.path(&format!("runs/a/{file}"))).unwrap();
+            // Some file systems have no such time.
+            let _ = file.set_modified(time);
+        }
+        sandbox.run(&["runs"]).success();
+    }
 }
 
 #[test]
@@ -107,7 +164,7 @@ fn hostile_directories_are_listed_in_a_moment_and_in_80_columns() {
     symlink("../..", sandbox.path("runs/huge/up")).unwrap();
     let rows = table(&sandbox, &[]);
     assert_eq!(rows.len(), 1 + 3, "{rows:?}");
-    assert!(rows.iter().any(|row| row[0].contains('…') && row[2].contains('…')), "{rows:?}");
+    assert!(rows.iter().any(|row| row[2].contains('…') && row[4].contains('…')), "{rows:?}");
     let assert = sandbox.run(&["runs"]).success();
     let printed = [&assert.get_output().stdout[..], &assert.get_output().stderr].concat();
     let printed = String::from_utf8(printed).unwrap();

@@ -93,10 +93,24 @@ fn a_run_that_ended_with_a_policy_that_lasts_can_train_on() {
     sandbox.run(&["verify", "parts", "--quiet"]).success();
 
     let before = sandbox.files();
-    let noted =
-        format!("the run ended after {steps} steps with a policy that lasts; to train on all the same");
+    let why = format!("the run ended after {steps} steps with a policy that lasts. To train on, type\n");
+    let says = |command: &str| {
+        predicate::str::contains(why.clone())
+            .and(predicate::str::contains(format!(" train --resume parts {command}\n")))
+    };
     let resume = |arguments: &[&str]| sandbox.run(&[&["train", "--resume", "parts"], arguments].concat());
-    resume(&["--set", "budget.steps=9000"]).success().stdout("").stderr(predicate::str::contains(noted));
+    // Nothing is asked for that the run does not have.
+    resume(&[]).success().stdout("").stderr(says("--set stop_when_lasting_steps=null"));
+    // A budget by itself trains nothing, which no script takes for success.
+    resume(&["--set", "budget.steps=9000"])
+        .code(2)
+        .stdout("")
+        .stderr(says("--set budget.steps=9000 --set stop_when_lasting_steps=null"));
+    resume(&["--set", "budget.episodes=70000"])
+        .code(2)
+        .stderr(says("--set budget.episodes=70000 --set stop_when_lasting_steps=null"));
+    let used_up = format!("--set budget.steps={} --set stop_when_lasting_steps=null", 2 * steps);
+    resume(&["--set", &format!("budget.steps={steps}")]).code(2).stderr(says(&used_up));
     assert!(before == sandbox.files());
     resume(&["--set", "stop_when_lasting_steps=700"]).code(2).stderr(predicate::str::contains("to null"));
     assert!(before == sandbox.files());
@@ -104,6 +118,30 @@ fn a_run_that_ended_with_a_policy_that_lasts_can_train_on() {
     resume(&["--quiet", "--set", "stop_when_lasting_steps=null"]).success();
     assert_same_runs(&sandbox, "whole", "parts");
     sandbox.run(&["verify", "parts", "--quiet"]).success();
+}
+
+#[test]
+fn a_run_that_has_ended_is_extended_by_a_command_in_its_own_unit() {
+    let sandbox = Sandbox::new();
+    let tiny: Vec<&str> = TINY.iter().copied().filter(|set| !set.starts_with("budget")).collect();
+    let train = [&["train", "--quiet"], &sets(&tiny)[..]].concat();
+    sandbox.run(&[&train[..], &["--out", "my run", "--set", "budget.episodes=5"]].concat()).success();
+    let resume = |arguments: &[&str]| sandbox.run(&[&["train", "--resume", "my run"], arguments].concat());
+    let says = |words: &'static str| predicate::str::contains(words);
+    resume(&[])
+        .success()
+        .stderr(says("type\n").and(says(" train --resume 'my run' --set budget.episodes=10\n")));
+    resume(&["--set", "budget.episodes=4"])
+        .code(2)
+        .stderr(says("--resume 'my run' --set budget.episodes=10\n"));
+
+    let solves = ["--stop-when-solved", "--seed", "21"];
+    let long = ["train", "--quiet", "--out", "solved", "--set", "budget.steps=9000"];
+    sandbox.run(&[&long[..], &solves].concat()).success();
+    let command =
+        " train --config solved/config.json --set budget.steps=20000 --set stop_when_solved=false\n";
+    let extended = ["train", "--resume", "solved", "--set", "budget.steps=20000"];
+    sandbox.run(&extended).code(2).stderr(says("solved its task").and(says(command)));
 }
 
 #[test]
@@ -239,9 +277,15 @@ fn a_resumed_run_can_change_its_budget_alone() {
     };
     refuses(&["--set", "gamma=0.5"], &["directory run", "its `gamma` is 0.999, and 0.5 is given", "budget"]);
     refuses(&["--seed", "5"], &["its `seed` is 0, and 5 is given", "budget"]);
-    refuses(&["--set", "exploration.steps=9"], &["has ended", "larger budget with the schedule"]);
+    refuses(
+        &["--set", "exploration.steps=9"],
+        &["has ended", "train --resume run --set exploration.steps=9 --set budget.steps=400"],
+    );
     refuses(&["--set", "exploration.schedule=per_episode"], &["`exploration", "budget"]);
-    refuses(&["--set", "budget.steps=150"], &["past the budget {\"steps\":150}", "at step 200", "larger"]);
+    refuses(
+        &["--set", "budget.steps=150"],
+        &["past the budget {\"steps\":150}", "at step 200", "train --resume run --set budget.steps=400"],
+    );
     refuses(&["--set", "budget.steps=x"], &["`budget.steps`", "integer"]);
     sandbox.run(&["train", "--resume", "run", "--set", "gamma=0.999", "--seed", "0"]).success();
 }
