@@ -62,9 +62,15 @@ async function open(browser, fragment = '', { width = 1200, height = 900, scheme
   await page.setViewportSize({ width, height });
   await page.emulateMedia({ colorScheme: scheme, reducedMotion: motion });
   await page.goto(address + fragment);
-  await sees(page, 'source', /Plays/);
+  await until(page, 'run.refused || run.policy');
   return page;
 }
+
+// Whether something is within the window.
+const onScreen = (page, id) => page.evaluate(id => {
+  const { top, bottom, height } = document.getElementById(id).getBoundingClientRect();
+  return height > 0 && top >= 0 && bottom <= innerHeight;
+}, id);
 
 async function screenshot(page, name, fullPage = true) {
   if (!options.screenshots) return;
@@ -130,6 +136,8 @@ async function aCheckpointIsPlayed(browser) {
   await page.setInputFiles('#file', path.join(folder, 'best.safetensors'));
   await sees(page, 'source', /the policy of best\.safetensors, after [\d,]+ steps/);
   await until(page, 'episode.moment.steps > 100');
+  assert(await onScreen(page, 'cart'), 'the pole of the file plays where nobody sees it');
+  await page.evaluate(() => scrollTo(0, document.body.scrollHeight));
   // A real drop, of what is no checkpoint.
   await page.evaluate(() => {
     const data = new DataTransfer();
@@ -137,7 +145,10 @@ async function aCheckpointIsPlayed(browser) {
     document.getElementById('drop').dispatchEvent(new DragEvent('drop', { dataTransfer: data, bubbles: true, cancelable: true }));
   });
   await sees(page, 'problem', /notes\.txt cannot be played/);
+  assert(await onScreen(page, 'problem'), 'the message is where nobody sees it');
   assert.match(await text(page, 'source'), /best\.safetensors/);
+  await page.click('#close');
+  assert(await page.isHidden('#message'));
   await page.click('#current');
   await sees(page, 'source', /as it is now, after 0 steps/);
   await page.close();
@@ -156,6 +167,7 @@ async function aChangedRunIsTheOneOfItsCommand(browser) {
   await sees(page, 'source', /Plays/);
   assert.equal(await text(page, 'command'), command, 'the link does not hold the settings');
   assert.equal(await page.isChecked('#switch-target_network'), false);
+  assert(await page.isHidden('#none'));
   await page.click('#more');
   await sees(page, 'where', /^100 steps/);
   await page.click('#reset');
@@ -169,6 +181,91 @@ async function aChangedRunIsTheOneOfItsCommand(browser) {
   await page.fill('#seed', 'x');
   await page.keyboard.press('Enter');
   await sees(page, 'problem', /These settings give no run.*seed/);
+  assert.equal(await text(page, 'command'), '', 'shows a command for what is refused');
+  await page.close();
+}
+
+async function aSeedOf64BitsStaysItself(browser) {
+  const seed = '18446744073709551615';
+  const page = await open(browser, `#seed=${seed}&budget.steps=9007199254740993`);
+  const command = await text(page, 'command');
+  assert.match(command, new RegExp(`--seed ${seed} --set budget\\.steps=9007199254740993 `));
+  assert.equal(await page.inputValue('#seed'), seed);
+  const config = await page.inputValue('#config');
+  assert.match(config, new RegExp(`"seed": ${seed}`));
+  assert.match(config, /"steps": 9007199254740993/);
+  const unfold = () => page.evaluate(() => document.querySelectorAll('details').forEach(details => { details.open = true; }));
+  await unfold();
+  // An edited config stays the text that it is, in the box, in the link and in the file.
+  await page.fill('#config', '{"seed": 9007199254740993, "budget": {"steps": 200}, "replay": {"warmup_steps": 64}, "evaluation": {"every_steps": 100, "episodes": 5}}');
+  await page.click('#use');
+  await sees(page, 'command', /--config config\.json --out/);
+  assert.match(decodeURIComponent(page.url()), /"seed":9007199254740993,/);
+  await page.reload();
+  await until(page, 'run.policy');
+  assert.equal(await page.inputValue('#seed'), '9007199254740993');
+  await unfold();
+  fs.writeFileSync(path.join(folder, 'config.json'), await saved(page, 'save'));
+  await page.click('#train');
+  await sees(page, 'where', /The run has ended/);
+  assert.equal(await text(page, 'sha256'), trained(await text(page, 'command')).weights_sha256);
+  await page.close();
+}
+
+async function noLinkBreaksThePage(browser) {
+  const fragments = [
+    'preset=x%22%5D', 'preset=__proto__', 'preset=constructor', 'preset=%00', '%', '%E0%A4%A', '=1', 'gamma', 'config=%5B1%5D',
+    'config=null', 'config={"seed":', '__proto__=1', 'toString=1', `gama${'a'.repeat(5000)}=1`, 'seed=1e400', 'network.hidden=[]',
+  ];
+  for (const fragment of fragments) {
+    const page = await open(browser, `#${fragment}`);
+    assert((await text(page, 'problem')).length < 1000, 'a message without an end');
+    // There is a way back to a run.
+    await page.goto(`${address}#seed=1`);
+    await sees(page, 'command', /^cartpole-dqn train --seed 1 --out/);
+    await page.close();
+  }
+}
+
+async function whatIsRefusedHasNoCommand(browser) {
+  for (const fragment of ['environment={"command":["touch","x"]}', 'gamma=2', 'config={"environment":{"command":["touch","x"]}}']) {
+    const page = await open(browser, `#${fragment}`);
+    await sees(page, 'problem', /These settings give no run/);
+    assert(await onScreen(page, 'problem'));
+    assert.equal(await text(page, 'command'), '');
+    assert(await page.isVisible('#none') && await page.isHidden('#same') && await page.isDisabled('#train'));
+    await page.setInputFiles('#file', path.join(folder, 'best.safetensors'));
+    await until(page, 'episode.moment.steps > 5');
+    await page.selectOption('#preset', 'plain');
+    await sees(page, 'command', /^cartpole-dqn train --config configs\/plain\.json --out/);
+    assert(await page.isVisible('#same') && await page.isHidden('#message'));
+    await page.close();
+  }
+}
+
+async function pauseAndResetInterruptAnEvaluation(browser) {
+  const page = await open(browser, '#replay.warmup_steps=64&budget.steps=100&evaluation.every_steps=60&evaluation.episodes=100000');
+  const interrupted = async button => {
+    await page.evaluate('globalThis.busy = worker, 0');
+    await page.click('#train');
+    await until(page, 'run.snapshot');
+    await page.waitForTimeout(100);
+    await page.click(button);
+    await until(page, 'worker !== busy && run.policy');
+  };
+  await interrupted('#reset');
+  await sees(page, 'where', /^0 steps/);
+  await interrupted('#train');
+  await sees(page, 'where', /^59 steps/);
+  assert.equal(await text(page, 'train'), 'Train');
+  await page.click('#train');
+  await sees(page, 'where', /The run has ended/);
+  const summary = trained(await text(page, 'command'));
+  assert.equal(await text(page, 'sha256'), summary.weights_sha256);
+  for (const name of ['best', 'last']) {
+    const theirs = fs.readFileSync(path.join(folder, `runs/page/checkpoints/${name}.safetensors`));
+    assert((await saved(page, name)).equals(theirs), `${name}.safetensors has other bytes than the program's`);
+  }
   await page.close();
 }
 
@@ -220,7 +317,8 @@ async function main() {
   const browser = await chromium.launchPersistentContext(path.join(folder, 'profile'), { executablePath: CHROMIUM, args: ARGUMENTS });
   try {
     const checks = [
-      theDefaultIsSolvedWithTheProgramsBits, aCheckpointIsPlayed, aChangedRunIsTheOneOfItsCommand, everybodyCanUseIt,
+      theDefaultIsSolvedWithTheProgramsBits, aCheckpointIsPlayed, aChangedRunIsTheOneOfItsCommand, aSeedOf64BitsStaysItself,
+      noLinkBreaksThePage, whatIsRefusedHasNoCommand, pauseAndResetInterruptAnEvaluation, everybodyCanUseIt,
       everyModuleHasTheReferencesBits,
     ];
     for (const check of checks) {

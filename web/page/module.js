@@ -12,6 +12,16 @@ function unpacked(text, size) {
   return new Uint8Array(view.buffer, 0, size);
 }
 
+// A text of JSON as values: an integer that a Number cannot hold becomes a BigInt, such as a seed of 64 bits.
+function parsed(json) {
+  const marked = json.replace(/"[^"\\]*(?:\\.[^"\\]*)*"|-?\d[\d.eE+-]*/g, token => (/^\d{16,}$/.test(token) ? `"\\u0000${token}"` : token));
+  return JSON.parse(marked, (_, value) => {
+    if (typeof value !== 'string' || !/^\u0000\d+$/.test(value)) return value;
+    const exact = BigInt(value.slice(1));
+    return exact > Number.MAX_SAFE_INTEGER ? exact : Number(exact);
+  });
+}
+
 // An instance of the WebAssembly module. Texts and bytes pass through its memory.
 async function instantiate(module) {
   const { exports } = await WebAssembly.instantiate(module, {});
@@ -29,6 +39,6 @@ async function instantiate(module) {
   return {
     exports,
     bytes(...what) { call(...what); return output(); },
-    json(...what) { call(...what); return JSON.parse(text()); },
+    json(...what) { call(...what); return parsed(text()); },
   };
 }

@@ -4,10 +4,19 @@ const STEPS_PER_SECOND = 50;
 const FALLEN_PAUSE = 0.8;
 const MAP_SIZE = 48;
 
+// Longest message that is shown, in characters, and how long a worker has to answer, in milliseconds.
+const MAX_MESSAGE = 600;
+const PATIENCE = 300;
+
+let module = null;
 let worker = null;
+let workerUrl = null;
 let player = null;
 let moduleName = '';
-// The run: `config` and `settings` as the trainer describes them, what it has reported, and the evaluations of the run before.
+// Waits for the answer to a pause.
+let patience = 0;
+// The run: its config as the trainer describes it, what it has reported, and the evaluations of the run before. `snapshot` is where an
+// evaluation begins that has not ended.
 let run = { number: 0 };
 let training = false;
 // The policy that plays: null for the one in training, or the name of a file.
@@ -33,8 +42,27 @@ async function loadModule() {
 }
 
 function problem(message) {
-  element('problem').hidden = !message;
-  element('problem').textContent = message ?? '';
+  element('message').hidden = !message;
+  element('problem').textContent = message?.length > MAX_MESSAGE ? `${message.slice(0, MAX_MESSAGE)} …` : message ?? '';
+}
+
+// A worker that knows no run, in the place of the one before, which may be busy for long.
+function makeWorker() {
+  if (worker) {
+    worker.onmessage = worker.onerror = null;
+    worker.terminate();
+  }
+  workerUrl ??= URL.createObjectURL(new Blob([element('worker').textContent], { type: 'text/javascript' }));
+  worker = new Worker(workerUrl);
+  worker.onmessage = ({ data }) => data.run === run.number && handlers[data.type](data);
+  worker.onerror = event => problem(`The training has stopped: ${event.message}`);
+  send({ type: 'module', module });
+}
+
+function begin() {
+  makeWorker();
+  const { number, input, snapshot, seconds } = run;
+  send({ type: 'start', run: number, input, snapshot, seconds });
 }
 
 // Begins the run of the settings anew.
@@ -42,36 +70,51 @@ function start({ keepTraining = training } = {}) {
   const before = run.evaluations?.length > 2 ? run.evaluations : run.before;
   run = {
     number: run.number + 1, config: run.config, evaluations: [], statistics: [], episodes: [],
-    epsilons: [], failure: null, before,
+    epsilons: [], failure: null, refused: false, snapshot: null, before,
     state: { env_steps: 0, updates: 0, end: null }, seconds: 0, solvedSeconds: null,
+    input: { name: settings.preset ? `configs/${settings.preset}.json` : 'config.json', text: settings.text, sets: setList() },
   };
-  setTraining(false);
   problem(null);
-  send({ type: 'start', run: run.number, input: { name: settings.preset ? `configs/${settings.preset}.json` : 'config.json', text: settings.text, sets: setList() } });
-  if (keepTraining) setTraining(true);
+  begin();
+  setTraining(keepTraining);
   history.replaceState(null, '', toFragment());
-  element('command').textContent = commandLine();
+  // There is a command once the trainer has accepted the settings.
+  showCommand('');
   element('undo').disabled = ![...settings.sets.keys()].some(key => key !== 'seed');
 }
 
 function setTraining(on) {
   training = on;
   element('train').textContent = on ? 'Pause' : 'Train';
+  clearTimeout(patience);
   send(on ? { type: 'run', speed: Number(element('speed').value) } : { type: 'pause' });
+  if (!on) patience = setTimeout(giveUpEvaluation, PATIENCE);
+}
+
+// A worker that evaluates does not hear that it should pause. Another one takes the run from before the evaluation.
+function giveUpEvaluation() {
+  if (!training && run.snapshot) begin();
+}
+
+function showCommand(command) {
+  element('command').textContent = command;
+  element('command').hidden = !command;
+  element('same').hidden = run.refused;
+  element('none').hidden = !run.refused;
 }
 
 const handlers = {
   started({ description }) {
     run.config = description.config;
-    run.allowed = Object.fromEntries(description.settings.map(({ path, allowed }) => [path, allowed]));
     element('version').textContent = `cartpole-dqn ${description.version}, kernels for ${description.instruction_set}.`;
-    element('config').value = JSON.stringify(description.config, null, 2);
-    element('seed').value = settings.sets.get('seed') ?? JSON.parse(settings.text).seed ?? 0;
+    element('config').value = description.text;
+    element('seed').value = run.config.seed;
+    showCommand(commandLine());
     showControls();
   },
-  trained({ state, seconds, policy }) {
-    run.state = state;
-    run.seconds = seconds;
+  paused() { clearTimeout(patience); },
+  trained({ state, seconds, policy, snapshot }) {
+    Object.assign(run, { state, seconds, snapshot });
     for (const event of state.events) {
       if (event.event === 'evaluation') run.evaluations.push(event);
       if (event.event === 'statistics') run.statistics.push(event);
@@ -90,8 +133,18 @@ const handlers = {
   failed({ message }) {
     training = false;
     element('train').textContent = 'Train';
-    if (run.state.env_steps) run.failure = message;
-    else problem(`These settings give no run. ${message}`);
+    if (run.state.env_steps) {
+      run.failure = message;
+    } else {
+      run.refused = true;
+      problem(`These settings give no run. ${message}`);
+      showCommand('');
+      // What can be edited is what was given, and not the config of the run before.
+      element('config').value = settings.text.trim();
+      element('preset').value = settings.preset ?? '';
+      element('seed').value = settings.sets.get('seed') ?? '';
+      if (file === null) element('source').textContent = '';
+    }
     showRun();
   },
   file({ name, bytes }) {
@@ -117,9 +170,12 @@ function playPolicy(bytes) {
   if (performance.now() - mapShown.at > 200 || run.state.end || file || !run.state.env_steps) showMap();
 }
 
+// Whether there is a policy that can play.
+const canPlay = () => Boolean(file ?? run.policy);
+
 // Asks the policy for its preferences, and draws them.
 function showMap() {
-  if (!run.policy) return;
+  if (!canPlay()) return;
   const preferences = new Float32Array(player.bytes('map', null, MAP_SIZE).buffer);
   mapShown = { image: mapImage(preferences), at: performance.now() };
   drawMap(element('map'), mapShown.image, episode.moment.state);
@@ -143,7 +199,7 @@ function playStep() {
 }
 
 function push(side) {
-  if (!run.policy) return;
+  if (!canPlay()) return;
   episode.push = side;
   if (playing) return;
   playStep();
@@ -171,7 +227,7 @@ function frame(now) {
   // After a pause of the tab it goes on where it was.
   owed = Math.min(owed + (now - before) / 1000 * STEPS_PER_SECOND, 10);
   before = now;
-  if (!run.policy || !playing) {
+  if (!canPlay() || !playing) {
     owed = 0;
     return;
   }
@@ -184,7 +240,7 @@ function frame(now) {
 function rightEnd() {
   if (run.state.end) return Math.max(run.state.env_steps, run.before?.at(-1)?.env_steps ?? 0);
   const { steps } = run.config?.budget ?? {};
-  return steps ?? Math.max(1000, ...run.episodes.slice(-1).map(one => 1.05 * one.env_steps));
+  return steps ? Number(steps) : Math.max(1000, ...run.episodes.slice(-1).map(one => 1.05 * one.env_steps));
 }
 
 function showRun() {
@@ -192,7 +248,8 @@ function showRun() {
   const speed = seconds > 0.2 ? `, ${number(state.updates / seconds)} updates a second` : '';
   const end = state.end ? 'The run has ended. ' : '';
   element('where').textContent = `${end}${number(state.env_steps)} steps, ${number(state.updates)} updates${speed}`;
-  element('train').disabled = element('more').disabled = Boolean(state.end || run.failure);
+  element('train').disabled = element('more').disabled = Boolean(state.end || run.failure || run.refused);
+  element('last').disabled = run.refused;
   element('best').disabled = !run.evaluations.length;
   element('hashed').textContent = number(state.env_steps);
   element('sha256').textContent = state.weights_sha256 ?? '';
@@ -201,7 +258,7 @@ function showRun() {
 }
 
 function showStory() {
-  const lines = run.config ? story(run) : [];
+  const lines = run.config || run.refused ? story(run) : [];
   const shown = lines.join('\n');
   // Screen readers read what changes.
   if (element('story').dataset.shown === shown) return;
@@ -253,7 +310,7 @@ function showControls() {
     slider.parentElement.hidden = value === undefined;
     if (value === undefined) continue;
     const list = typeof values === 'function' ? values(config) : values;
-    slider.list_ = [...new Set([...list, value])].sort((a, b) => a - b);
+    slider.list_ = [...new Set([...list, value])].sort((a, b) => (a < b ? -1 : 1));
     slider.max = slider.list_.length - 1;
     slider.value = slider.list_.indexOf(value);
     element(`label-${id}`).textContent = label(config);
@@ -276,6 +333,7 @@ function showValue(slider, value) {
 function makeControls() {
   for (const { id, put } of SLIDERS) {
     const label = document.createElement('label');
+    label.hidden = true;
     label.innerHTML = `<span id="label-${id}"></span><input type="range" id="slider-${id}" min="0"><output></output>`;
     const slider = label.querySelector('input');
     // The value stands above the slider, at the right.
@@ -285,6 +343,7 @@ function makeControls() {
   }
   for (const { id, label: text, put } of SWITCHES) {
     const label = document.createElement('label');
+    label.hidden = true;
     label.innerHTML = `<input type="checkbox" id="switch-${id}">${text}`;
     const box = label.querySelector('input');
     box.addEventListener('change', () => change(() => put(box.checked, run.config)));
@@ -308,6 +367,7 @@ function listen() {
   on('train', 'click', () => setTraining(!training));
   on('more', 'click', () => send({ type: 'more', steps: 100 }));
   on('reset', 'click', () => start({ keepTraining: false }));
+  on('close', 'click', () => problem(null));
   on('preset', 'change', event => change(() => choosePreset(event.target.value)));
   on('seed', 'change', event => change(() => set('seed', event.target.value.trim() || '0')));
   on('speed', 'change', () => training && setTraining(true));
@@ -323,7 +383,8 @@ function listen() {
   on('current', 'click', () => {
     file = null;
     element('current').hidden = true;
-    playPolicy(run.policy);
+    element('source').textContent = '';
+    if (run.policy) playPolicy(run.policy);
   });
   on('file', 'change', event => event.target.files[0] && playFile(event.target.files[0]));
   addEventListener('hashchange', () => change(() => fromFragment(location.hash)));
@@ -383,6 +444,8 @@ async function playFile(chosen) {
     playPolicy(new Uint8Array(await chosen.arrayBuffer()));
     problem(null);
     element('current').hidden = false;
+    // The pole that plays may be far above the place where the file was dropped.
+    element('plays').scrollIntoView();
   } catch (error) {
     file = previous;
     problem(`${chosen.name} cannot be played: ${error.message}`);
@@ -390,12 +453,8 @@ async function playFile(chosen) {
 }
 
 async function main() {
-  const module = await loadModule();
+  module = await loadModule();
   player = await instantiate(module);
-  worker = new Worker(URL.createObjectURL(new Blob([element('worker').textContent], { type: 'text/javascript' })));
-  worker.onmessage = ({ data }) => (data.run === undefined || data.run === run.number) && handlers[data.type](data);
-  worker.onerror = event => problem(`The training has stopped: ${event.message}`);
-  send({ type: 'module', module });
   fromFragment(location.hash);
   makeControls();
   setPlaying(playing);

@@ -1,6 +1,6 @@
 // The settings of a run: a preset, and what is set on top of it, as `--set key=value` of the command line.
 const PRESETS = { cartpole: 'the default', fast: 'fast', plain: 'plain DQN', tutorial: 'the Keras tutorial', q_table: 'Q-table' };
-const preset = name => document.querySelector(`[data-preset="${name}"]`)?.textContent;
+const preset = name => (Object.hasOwn(PRESETS, name) ? document.querySelector(`[data-preset="${name}"]`)?.textContent : undefined);
 
 const settings = { preset: 'cartpole', text: preset('cartpole'), sets: new Map() };
 
@@ -12,14 +12,17 @@ function choosePreset(name) {
 }
 
 const unset = prefix => [...settings.sets.keys()].filter(key => key.startsWith(prefix)).forEach(key => settings.sets.delete(key));
-const set = (key, value) => settings.sets.set(key, typeof value === 'string' ? value : JSON.stringify(value));
+const set = (key, value) => settings.sets.set(key, Array.isArray(value) ? JSON.stringify(value) : String(value));
 const setList = () => [...settings.sets].map(([key, value]) => `${key}=${value}`);
+
+// JSON without the spaces between its values, which stay as they are written.
+const compact = json => json.replace(/("[^"\\]*(?:\\.[^"\\]*)*")|\s+/g, '$1');
 
 // The link that holds the settings. Those of an edited config are in it whole.
 function toFragment() {
   const parts = new URLSearchParams();
   if (settings.preset) parts.set('preset', settings.preset);
-  else parts.set('config', JSON.stringify(JSON.parse(settings.text)));
+  else parts.set('config', compact(settings.text));
   for (const [key, value] of settings.sets) parts.set(key, value);
   return `#${parts}`;
 }
@@ -124,4 +127,4 @@ const SWITCHES = [
 ];
 
 // The config without what is set on top of it.
-const ownConfig = () => JSON.parse(settings.text);
+const ownConfig = () => parsed(settings.text);

@@ -2,7 +2,8 @@
 const SOLVED = 475;
 const TIME_LIMIT = 500;
 
-function story({ config, evaluations, statistics, state, failure }) {
+function story({ config, evaluations, statistics, state, failure, refused }) {
+  if (refused) return ['These settings give no run.'];
   if (failure) return failed(config, failure);
   const steps = number(state.env_steps);
   if (!evaluations.length) {

@@ -14,24 +14,28 @@ let queue = Promise.resolve();
 const CHUNK = 20;
 const SLICE = 0.05;
 
+// Before an evaluation, which may take long, the page gets what it needs to resume the run in another worker.
 function report(state) {
   ended = state.end !== null;
   running &&= !ended;
-  postMessage({ type: 'trained', run, state, seconds, policy: instance.bytes('policy') });
+  const snapshot = state.evaluates_next ? instance.bytes('last') : null;
+  postMessage({ type: 'trained', run, state, seconds, policy: instance.bytes('policy'), snapshot });
 }
 
-// Trains up to `steps` steps, and not much longer than a slice of a second.
+// Trains up to `steps` steps, and not much longer than a slice of a second; less if an evaluation is next. Returns how many it was.
 function train(steps) {
   const begin = performance.now();
   let state = null;
   let events = [];
-  for (let left = steps; left > 0 && !state?.end; left -= CHUNK) {
-    state = instance.json('train', null, Math.min(left, CHUNK));
+  let trained = 0;
+  do {
+    state = instance.json('train', null, Math.min(steps - trained, CHUNK));
     events = events.concat(state.events);
-    if ((performance.now() - begin) / 1000 > SLICE) break;
-  }
+    trained += state.trained;
+  } while (trained < steps && !state.end && !state.evaluates_next && (performance.now() - begin) / 1000 < SLICE);
   seconds += (performance.now() - begin) / 1000;
   report({ ...state, events });
+  return trained;
 }
 
 function tick() {
@@ -56,12 +60,12 @@ function guarded(action) {
 const handlers = {
   module(data) { module = data.module; },
   async start(data) {
-    ({ run } = data);
+    ({ run, seconds } = data);
     running = ended = false;
-    seconds = 0;
     instance = await instantiate(module);
     guarded(() => {
       const description = instance.json('start', JSON.stringify(data.input));
+      if (data.snapshot) instance.bytes('resume', data.snapshot);
       postMessage({ type: 'started', run, description });
       report({ ...instance.json('train', null, 0) });
     });
@@ -72,12 +76,15 @@ const handlers = {
     running = true;
     tick();
   },
-  pause() { running = false; },
+  pause() {
+    running = false;
+    postMessage({ type: 'paused', run });
+  },
   more(data) {
-    for (let left = data.steps; left > 0 && !ended; left -= CHUNK) guarded(() => train(Math.min(left, CHUNK)));
+    for (let left = data.steps; left > 0 && !ended;) left -= guarded(() => train(Math.min(left, CHUNK))) ?? left;
   },
   file(data) {
-    guarded(() => postMessage({ type: 'file', name: data.name, bytes: instance.bytes(data.name) }));
+    guarded(() => postMessage({ type: 'file', run, name: data.name, bytes: instance.bytes(data.name) }));
   },
 };
 

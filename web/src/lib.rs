@@ -84,6 +84,15 @@ pub extern "C" fn train(steps: u32) -> bool {
     with_training(|training| training.train(steps))
 }
 
+/// Takes the run that has been started to where a checkpoint of it was taken: see [`Training::resume`].
+#[unsafe(no_mangle)]
+pub extern "C" fn resume() -> bool {
+    call(|input, instance| {
+        let training = instance.training.as_mut().ok_or("no run has been started")?;
+        training.resume(input).map(|()| Vec::new())
+    })
+}
+
 /// The policy as it is now, as the bytes of a checkpoint.
 #[unsafe(no_mangle)]
 pub extern "C" fn policy() -> bool {

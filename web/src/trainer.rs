@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use cartpole_dqn::config::Config;
 use cartpole_dqn::nn::kernels::InstructionSet;
-use cartpole_dqn::run::Checkpoint;
+use cartpole_dqn::run::{Checkpoint, Header};
 use cartpole_dqn::tensors::Tensors;
 use cartpole_dqn::trainer::{CheckpointKind, DueCheckpoint, EndReason, Event, Observer, Snapshot, Trainer};
 use serde_json::{Value, json};
@@ -66,6 +66,7 @@ impl Training {
             .collect();
         let description = json!({
             "config": config,
+            "text": serde_json::to_string_pretty(&config).map_err(text)?,
             "settings": settings,
             "version": env!("CARGO_PKG_VERSION"),
             "instruction_set": InstructionSet::current().name(),
@@ -74,24 +75,28 @@ impl Training {
         Ok((training, description.to_string().into_bytes()))
     }
 
-    /// Trains up to `steps` steps, as the command line does. Returns JSON: the events since the last call, as in
-    /// `metrics.jsonl`, and where the run is.
+    /// Trains up to `steps` steps, as the command line does, and less if it comes to an evaluation, which may take long: that
+    /// begins with the next call. Returns JSON: the events since the last call, as in `metrics.jsonl`, and where the run is.
     pub fn train(&mut self, steps: u32) -> Result<Vec<u8>, String> {
-        for _ in 0..steps {
+        let before = self.trainer.progress().env_steps;
+        for trained in 0..steps {
+            if trained > 0 && self.evaluates_next() {
+                break;
+            }
             if self.trainer.end_reason().is_some() {
+                // What is left to do is the last evaluation.
+                self.end = Some(self.trainer.run(&mut self.seen, &AtomicBool::new(false)).map_err(text)?);
                 break;
             }
             self.trainer.step(&mut self.seen).map_err(text)?;
-        }
-        if self.end.is_none() && self.trainer.end_reason().is_some() {
-            // What is left to do is the last evaluation.
-            self.end = Some(self.trainer.run(&mut self.seen, &AtomicBool::new(false)).map_err(text)?);
         }
         let (progress, agent) = (self.trainer.progress(), self.trainer.agent());
         let counters = agent.counters();
         let state = json!({
             "events": std::mem::take(&mut self.seen.events),
             "end": self.end.map(|reason| json!(reason)),
+            "trained": progress.env_steps - before,
+            "evaluates_next": self.evaluates_next(),
             "env_steps": progress.env_steps,
             "episodes": progress.episodes,
             "updates": progress.updates,
@@ -102,6 +107,26 @@ impl Training {
             "weights_sha256": agent.weights_sha256(),
         });
         Ok(state.to_string().into_bytes())
+    }
+
+    /// Whether the next step evaluates the policy.
+    fn evaluates_next(&self) -> bool {
+        let every_steps = self.trainer.config().evaluation.every_steps;
+        let is_due = (self.trainer.progress().env_steps + 1).is_multiple_of(every_steps);
+        self.end.is_none() && (is_due || self.trainer.end_reason().is_some())
+    }
+
+    /// Takes the run to where a checkpoint of it was taken, see [`Self::last`].
+    pub fn resume(&mut self, bytes: &[u8]) -> Result<(), String> {
+        let checkpoint = Checkpoint::from_bytes(bytes).map_err(text)?;
+        let progress = checkpoint.header::<Header>().map_err(text)?.progress;
+        let progress = progress.ok_or("it holds only a policy")?;
+        let trainer = self.config.make_trainer().map_err(text)?;
+        self.trainer = trainer.resume(progress, &checkpoint.tensors).map_err(text)?;
+        self.trainer.save_best(&mut self.seen).map_err(text)?;
+        // At the end of its budget the run does not offer this checkpoint again.
+        self.seen.last = Some(self.trainer.snapshot());
+        Ok(())
     }
 
     /// See [`super::policy`].
