@@ -298,6 +298,7 @@ impl List {
                 text += &format!("{:INDENT$}{}{more}\n", "", keys[0]);
             }
         }
-        text + &legend(&rows, &table)
+        let cut = rows[1..].iter().filter(|row| !table.contains(&row[1]));
+        text + &legend(cut.map(|row| (row[0].as_str(), row[1].as_str())))
     }
 }

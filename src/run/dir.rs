@@ -351,7 +351,9 @@ impl RunDir {
     /// When the file cannot be written.
     pub fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
         match self.read_about() {
-            Some(about) if about.failed != failed => self.write_json(&self.about(), &About { failed, ..about }),
+            Some(about) if about.failed != failed => {
+                self.write_json(&self.about(), &About { failed, ..about })
+            }
             _ => Ok(()),
         }
     }
