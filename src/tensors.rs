@@ -11,6 +11,32 @@ use crate::rng::Rng;
 const MAX_LAYERS: usize = 64;
 const MAX_UNITS: usize = 1 << 16;
 
+/// Most tensors of a file.
+const MAX_TENSORS: usize = 4096;
+
+/// The JSON header of a safetensors file, as far as the file goes.
+pub fn header_of(file: &[u8]) -> &[u8] {
+    let Some((length, rest)) = file.split_first_chunk() else { return &[] };
+    let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+    &rest[..rest.len().min(length)]
+}
+
+/// Refuses a file with more tensors than any policy, checkpoint or update has, by its header: to take them apart would take
+/// long.
+///
+/// # Errors
+/// Then: what is wrong.
+pub fn check_count(header: &[u8]) -> Result<(), String> {
+    const FIELD: &[u8] = b"\"data_offsets\"";
+    // Each tensor has the field once.
+    let is_field = |at: &usize| header[*at..].starts_with(FIELD);
+    let quotes = header.iter().enumerate().filter(|(_, byte)| **byte == b'"').map(|(at, _)| at);
+    match quotes.filter(is_field).take(MAX_TENSORS + 1).count() {
+        count if count > MAX_TENSORS => Err(format!("it has more than {MAX_TENSORS} tensors")),
+        _ => Ok(()),
+    }
+}
+
 /// Tensors by name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tensors(BTreeMap<String, Tensor>);

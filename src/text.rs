@@ -95,6 +95,21 @@ pub fn shell_line(command: &[String]) -> String {
     words.join(" ")
 }
 
+/// Most characters of a message.
+const MAX_MESSAGE: usize = 4000;
+
+/// A message that has a limit whatever stands in it, a name or a value of any length: its middle is left out.
+pub fn limited(text: &str) -> std::borrow::Cow<'_, str> {
+    let nth = |n: usize| text.char_indices().nth(n).map(|(at, _)| at);
+    if nth(MAX_MESSAGE).is_none() {
+        return text.into();
+    }
+    let half = MAX_MESSAGE / 2;
+    let head = nth(half).unwrap_or(text.len());
+    let tail = text.char_indices().nth_back(half - 1).map_or(0, |(at, _)| at);
+    format!("{} … ({} bytes are left out) … {}", &text[..head], tail - head, &text[tail..]).into()
+}
+
 /// Columns that a text takes in a terminal.
 pub fn width(text: &str) -> usize {
     text.width()

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::files::read_limited;
 use crate::nn::{Loss, Mlp};
-use crate::tensors::foreign_format;
+use crate::tensors::{check_count, foreign_format, header_of};
 use crate::text::shown;
 
 /// Largest file that is read, in bytes.
@@ -224,6 +224,7 @@ impl Update {
         let damaged = |error: safetensors::SafeTensorError| {
             foreign_format(bytes).map_or_else(|| Problem::NotSafetensors(error.to_string()), Problem::Foreign)
         };
+        check_count(header_of(bytes)).map_err(Problem::TooLarge)?;
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let settings = metadata.metadata().as_ref().and_then(|metadata| metadata.get(SETTINGS));
         let settings = settings.map_or(Ok(Settings::default()), |text| serde_json::from_str(text));

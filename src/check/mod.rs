@@ -25,4 +25,4 @@ pub use reference::{
     Reward, Targets, Variant,
 };
 pub use rounding::Number;
-pub use verdict::{Explained, Judged, State, Verdict, check};
+pub use verdict::{Explained, Judged, Progress, State, Verdict, check, check_with};

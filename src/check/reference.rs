@@ -1,5 +1,8 @@
 //! The update in f64: one function for each quantity, of a [`Variant`] that says how it is computed.
 
+use std::sync::OnceLock;
+use std::thread;
+
 use super::file::{EpsilonPlace, Update};
 use super::rounding::{Matrix, Number, Pass, backward, forward, square};
 use crate::nn::{Loss, Mlp};
@@ -32,6 +35,8 @@ pub struct Variant {
     pub is_accumulated: bool,
     pub max_gradient_norm: Option<f64>,
     pub clipping: Clipping,
+    /// What is added to ‖g‖ where the norm is shortened; none if either form will do.
+    pub norm_margin: Option<f64>,
 
     pub optimizer: Optimizer,
     pub learning_rate: f64,
@@ -182,6 +187,7 @@ impl Variant {
             is_accumulated: false,
             max_gradient_norm: settings.max_gradient_norm,
             clipping: if settings.max_gradient_norm.is_some() { Clipping::Norm } else { Clipping::Nothing },
+            norm_margin: None,
             optimizer: match settings.epsilon_place {
                 EpsilonPlace::PyTorch => Optimizer::Adam,
                 EpsilonPlace::TensorFlow => Optimizer::AdamOfKeras,
@@ -202,9 +208,13 @@ pub struct Reference<'a> {
     /// Q(s, ·), Q(s′, ·), Q⁻(s, ·) and Q⁻(s′, ·).
     current: Pass,
     next: Pass,
-    target_of_current: Option<Pass>,
     target_of_next: Option<Pass>,
+    /// One mistake alone needs it.
+    target_of_current: OnceLock<Pass>,
 }
+
+/// What PyTorch adds to ‖g‖ before it divides by it.
+pub const NORM_MARGIN: f64 = 1e-6;
 
 /// The targets, and the next Q-values that each is made of: places (sample, action) whose mean is the value of s′, and
 /// what multiplies it.
@@ -220,7 +230,7 @@ pub struct LossOf {
     /// L
     pub value: Number,
     /// ∂L/∂Q(s, ·)
-    by_q: Matrix,
+    pub(super) by_q: Matrix,
     /// ∂L/∂y
     by_target: Vec<f64>,
 }
@@ -230,13 +240,24 @@ impl<'a> Reference<'a> {
     pub fn new(update: &'a Update) -> Self {
         let Update { online, target, batch, rounding_unit, .. } = update;
         let pass = |network: &Mlp<f64>, observations| forward(network, observations, *rounding_unit);
-        Self {
-            update,
-            current: pass(online, &batch.observations),
-            next: pass(online, &batch.next_observations),
-            target_of_current: target.as_ref().map(|target| pass(target, &batch.observations)),
-            target_of_next: target.as_ref().map(|target| pass(target, &batch.next_observations)),
-        }
+        let (current, next, target_of_next) = thread::scope(|scope| {
+            let others = scope.spawn(|| {
+                (
+                    pass(online, &batch.next_observations),
+                    target.as_ref().map(|target| pass(target, &batch.next_observations)),
+                )
+            });
+            let current = pass(online, &batch.observations);
+            let (next, target) = others.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            (current, next, target)
+        });
+        Self { update, current, next, target_of_next, target_of_current: OnceLock::new() }
+    }
+
+    fn target_of_current(&self) -> Option<&Pass> {
+        let Update { target, batch, rounding_unit, .. } = self.update;
+        let target = target.as_ref()?;
+        Some(self.target_of_current.get_or_init(|| forward(target, &batch.observations, *rounding_unit)))
     }
 
     /// The online network's pass on what the targets bootstrap from.
@@ -248,8 +269,9 @@ impl<'a> Reference<'a> {
     pub fn targets(&self, variant: &Variant) -> Targets {
         let batch = &self.update.batch;
         let q_online = self.online_pass(variant).q();
-        let of_target = if variant.from_current { &self.target_of_current } else { &self.target_of_next };
-        let q_target = of_target.as_ref().map_or(q_online, Pass::q);
+        let of_target =
+            if variant.from_current { self.target_of_current() } else { self.target_of_next.as_ref() };
+        let q_target = of_target.map_or(q_online, Pass::q);
         let q = if variant.from_online { q_online } else { q_target };
         let of_batch = variant.bootstrap == Bootstrap::MaxOfBatch;
         let largest = of_batch.then(|| (0..q.value.nrows()).flat_map(|row| [(row, argmax(q, row))]));
@@ -388,7 +410,18 @@ impl<'a> Reference<'a> {
         loss: &LossOf,
         first: usize,
     ) -> Vec<Number> {
-        let Update { online, rounding_unit: unit, adam, .. } = self.update;
+        self.changed(variant, self.raw_gradients(variant, targets, loss, first))
+    }
+
+    /// ∂L/∂θ before anything is done to it.
+    pub(super) fn raw_gradients(
+        &self,
+        variant: &Variant,
+        targets: &Targets,
+        loss: &LossOf,
+        first: usize,
+    ) -> Vec<Number> {
+        let Update { online, rounding_unit: unit, .. } = self.update;
         let mut gradient = vec![Number::exact(0.0); online.parameters().len()];
         backward(online, &self.current, loss.by_q.clone(), *unit, first, &mut gradient);
         if variant.through_target && variant.from_online {
@@ -403,6 +436,12 @@ impl<'a> Reference<'a> {
             }
             backward(online, pass, by_q, *unit, first, &mut gradient);
         }
+        gradient
+    }
+
+    /// What the optimiser gets of a gradient: with that of the update before, and clipped.
+    pub(super) fn changed(&self, variant: &Variant, mut gradient: Vec<Number>) -> Vec<Number> {
+        let Update { rounding_unit: unit, adam, .. } = self.update;
         // m = (1 − β₁) g after the first update.
         if variant.is_accumulated && adam.steps == 1 {
             for (number, &moment) in gradient.iter_mut().zip(adam.first.parameters()) {
@@ -422,13 +461,13 @@ impl<'a> Reference<'a> {
             Clipping::Value(limit) => {
                 gradient.iter_mut().for_each(|number| number.value = number.value.clamp(-limit, limit));
             }
-            Clipping::Norm => self.shorten(gradient, max_norm),
+            Clipping::Norm => self.shorten(variant, gradient, max_norm),
             Clipping::EveryTensor => {
                 let mut rest = gradient;
                 for pair in self.update.online.sizes().windows(2) {
                     for length in [pair[0] * pair[1], pair[1]] {
                         let (tensor, others) = rest.split_at_mut(length);
-                        self.shorten(tensor, max_norm);
+                        self.shorten(variant, tensor, max_norm);
                         rest = others;
                     }
                 }
@@ -436,21 +475,26 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// g ← g · min(1, max_norm / (‖g‖ + 1e-6)); without the 1e-6, as TensorFlow and JAX have it, is as right.
-    fn shorten(&self, gradient: &mut [Number], max_norm: f64) {
+    /// g ← g · min(1, c / (‖g‖ + 1e-6)) as in PyTorch, or g · min(1, c / ‖g‖) as in TensorFlow and Optax: both are right, so
+    /// the number between them may be off by as much.
+    fn shorten(&self, variant: &Variant, gradient: &mut [Number], max_norm: f64) {
         let squared: f64 = gradient.iter().map(|number| square(number.value)).sum();
         let norm = squared.sqrt();
-        let factor = max_norm / (norm + 1e-6);
-        if factor >= 1.0 {
+        let factor = max_norm / (norm + variant.norm_margin.unwrap_or(NORM_MARGIN / 2.0));
+        if factor >= 1.0 && (variant.norm_margin.is_some() || norm + NORM_MARGIN <= max_norm) {
             return;
         }
+        let factor = factor.min(1.0);
         let carried: f64 = gradient.iter().map(|number| square(number.value) * number.variance).sum();
         let rounded = square(self.update.rounding_unit) * gradient.len() as f64;
         let relative_variance = carried / square(squared) + rounded;
         for number in gradient {
             *number = number.scaled(factor);
             number.variance += relative_variance * square(number.value);
-            number.may_be_off_by(number.value * 1e-6 / norm);
+            if variant.norm_margin.is_none() {
+                // More than the distance to either form: distances add up as variances do.
+                number.may_be_off_by(1.5 * number.value * NORM_MARGIN / norm);
+            }
         }
     }
 
@@ -458,11 +502,13 @@ impl<'a> Reference<'a> {
     pub fn weights(&self, variant: &Variant, gradients: &[Number], first: usize) -> Vec<Number> {
         let Update { online, adam, rounding_unit: unit, .. } = self.update;
         let rounding = step_rounding(variant, *unit);
+        let step = variant.step as f64;
+        let corrections = [variant.beta1, variant.beta2].map(|beta| 1.0 - beta.powf(step));
         let moments = adam.first.parameters().iter().zip(adam.second.parameters());
         let parameters = online.parameters().iter().zip(moments).zip(gradients).skip(first);
         parameters
             .map(|((&weight, (&first, &second)), gradient)| {
-                let at = |gradient| stepped(variant, weight, gradient, first, second);
+                let at = |gradient| stepped(variant, corrections, weight, gradient, first, second);
                 let value = at(gradient.value);
                 let doubt = |gradient| (at(gradient) - value).abs();
                 let tolerance = gradient.tolerance();
@@ -487,8 +533,15 @@ fn step_rounding(variant: &Variant, unit: f64) -> f64 {
     unit * (16.0 + of(variant.beta1) + of(variant.beta2))
 }
 
-/// A parameter after one step.
-fn stepped(variant: &Variant, weight: f64, gradient: f64, first: f64, second: f64) -> f64 {
+/// A parameter after one step; `corrections` are 1 − β₁ᵗ and 1 − β₂ᵗ.
+fn stepped(
+    variant: &Variant,
+    corrections: [f64; 2],
+    weight: f64,
+    gradient: f64,
+    first: f64,
+    second: f64,
+) -> f64 {
     let Variant { learning_rate, beta1, beta2, epsilon, .. } = *variant;
     let gradient = match variant.decay {
         Decay::Squared(decay) => gradient + decay * weight,
@@ -500,8 +553,7 @@ fn stepped(variant: &Variant, weight: f64, gradient: f64, first: f64, second: f6
     };
     let m = beta1 * first + (1.0 - beta1) * gradient;
     let v = beta2 * second + (1.0 - beta2) * square(gradient);
-    let step = variant.step as f64;
-    let (correction1, correction2) = (1.0 - beta1.powf(step), 1.0 - beta2.powf(step));
+    let [correction1, correction2] = corrections;
     let adam = m / correction1 / ((v / correction2).sqrt() + epsilon);
     let direction = match variant.optimizer {
         Optimizer::Adam => adam,

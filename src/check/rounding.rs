@@ -5,9 +5,9 @@
 //! unit of rounding. This is more than blocked sums have. Two numbers agree if they lie within [`SAFETY`] standard
 //! deviations.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 
-use crate::nn::{Kernels, Mlp};
+use crate::nn::Mlp;
 
 /// Standard deviations that count as equal.
 pub(super) const SAFETY: f64 = 16.0;
@@ -43,7 +43,7 @@ impl Number {
 }
 
 /// A matrix of [`Number`]s, (batch, features).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Matrix {
     pub value: DMatrix<f64>,
     pub variance: DMatrix<f64>,
@@ -90,8 +90,8 @@ pub(super) fn forward(network: &Mlp<f64>, observations: &DMatrix<f64>, unit: f64
         squares[inputs * outputs..].iter_mut().for_each(|bias| *bias *= growth);
         let x_squares = x.variance.zip_map(&x.value, |variance, value| variance + growth * square(value));
         let mut y = Matrix::zeros(batch, outputs);
-        f64::affine(&x.value, layer, false, &mut [], &mut y.value);
-        f64::affine(&x_squares, &squares, false, &mut [], &mut y.variance);
+        affine(&x.value, layer, &mut y.value);
+        affine(&x_squares, &squares, &mut y.variance);
         y.variance.zip_apply(&y.value, |variance, value| *variance += growth * square(value));
         pass.inputs.push(std::mem::replace(&mut x, relu(&y)));
         pass.outputs.push(y);
@@ -127,9 +127,9 @@ pub(super) fn backward(
             (vec![0.0; layer.len()], vec![0.0; layer.len()], vec![0.0; layer.len()]);
         let dy_squares = dy.value.map(square);
         let x_squares = x.variance.zip_map(&x.value, |variance, value| variance + growth * square(value));
-        f64::layer_gradient(&dy.value, &x.value, &mut [], &mut value);
-        f64::layer_gradient(&dy_squares, &x_squares, &mut [], &mut rounded);
-        f64::layer_gradient(&dy.variance, &x.value.map(square), &mut [], &mut carried);
+        layer_gradient(&dy.value, &x.value, &mut value);
+        layer_gradient(&dy_squares, &x_squares, &mut rounded);
+        layer_gradient(&dy.variance, &x.value.map(square), &mut carried);
         rounded[weights..].iter_mut().for_each(|bias| *bias *= growth);
         for (position, number) in gradient[end - layer.len()..end].iter_mut().enumerate() {
             number.value += value[position];
@@ -147,12 +147,12 @@ pub(super) fn backward(
 fn before_relu(layer: &[f64], dy: &Matrix, before: &Matrix, unit: f64) -> Matrix {
     let (batch, inputs) = before.value.shape();
     let growth = square(unit) * dy.value.ncols() as f64;
-    let everywhere = DMatrix::from_element(batch, inputs, 1.0);
     let squares: Vec<f64> = layer.iter().copied().map(square).collect();
     let dy_squares = dy.variance.zip_map(&dy.value, |variance, value| variance + growth * square(value));
-    let mut dx = Matrix::zeros(batch, inputs);
-    f64::input_gradient(&dy.value, layer, &everywhere, &mut [], &mut dx.value);
-    f64::input_gradient(&dy_squares, &squares, &everywhere, &mut [], &mut dx.variance);
+    let mut dx = Matrix {
+        value: &dy.value * weights(layer, dy.value.ncols()),
+        variance: &dy_squares * weights(&squares, dy.value.ncols()),
+    };
     for sample in 0..batch {
         for input in 0..inputs {
             let at = (sample, input);
@@ -168,6 +168,28 @@ fn before_relu(layer: &[f64], dy: &Matrix, before: &Matrix, unit: f64) -> Matrix
         }
     }
     dx
+}
+
+/// A layer's weights, (out, in).
+fn weights(layer: &[f64], outputs: usize) -> DMatrixView<'_, f64> {
+    let inputs = layer.len() / outputs - 1;
+    DMatrixView::from_slice(&layer[..inputs * outputs], outputs, inputs)
+}
+
+/// y = W x + b
+fn affine(x: &DMatrix<f64>, layer: &[f64], y: &mut DMatrix<f64>) {
+    let outputs = y.ncols();
+    let bias = &layer[layer.len() - outputs..];
+    y.gemm(1.0, x, &weights(layer, outputs).transpose(), 0.0);
+    y.column_iter_mut().zip(bias).for_each(|(mut column, &bias)| column.add_scalar_mut(bias));
+}
+
+/// dW = dy xᵀ, then db = Σ_batch dy, into `gradient`.
+fn layer_gradient(dy: &DMatrix<f64>, x: &DMatrix<f64>, gradient: &mut [f64]) {
+    let product = dy.transpose() * x;
+    let (weight, bias) = gradient.split_at_mut(product.len());
+    weight.copy_from_slice(product.as_slice());
+    bias.iter_mut().zip(dy.column_iter()).for_each(|(bias, column)| *bias = column.sum());
 }
 
 pub(super) fn square(x: f64) -> f64 {

@@ -1,19 +1,29 @@
 //! Which mistakes reproduce somebody's numbers.
 
-use std::cell::RefCell;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::thread;
 
 use serde::Serialize;
 
 use super::catalogue::{CATALOGUE, Mistake, Stage};
 use super::common::in_common;
 use super::file::Update;
-use super::reference::{Clipping, LossOf, Reference, Targets, Variant};
-use super::rounding::{Number, agrees};
+use super::reference::{Clipping, LossOf, NORM_MARGIN, Predicted, Reference, Targets, Variant};
+use super::rounding::{Matrix, Number, SAFETY, agrees};
 
 /// Most explanations that are followed at once.
 const MAX_EXPLANATIONS: usize = 8;
-/// Most products that are spent on pairs of mistakes in one quantity.
-const MAX_PAIR_PRODUCTS: u64 = 1 << 32;
+/// Most products that are spent on mistakes: a few seconds. It counts products and no seconds, so that the verdict does not
+/// depend on the machine.
+const MAX_WORK: u64 = 20_000_000_000;
+/// Gradients that are kept because many candidates share them.
+const KEPT: usize = 3;
+/// Most parameters of which several threads have gradients at the same time.
+const MAX_PARALLEL: usize = 1 << 22;
+
+/// Hears how many of the candidates for a quantity have been tried, and how many there are.
+pub type Progress<'a> = dyn Fn(Stage, usize, usize) + Sync + 'a;
 
 /// What is to be said of an update.
 #[derive(Debug, Serialize)]
@@ -26,7 +36,11 @@ pub struct Verdict {
     pub explanations: Vec<Vec<Explained>>,
     /// Mistakes that would have given the same numbers, in this update.
     pub not_visible: Vec<String>,
-    /// Whether pairs of mistakes were left out because they would take too long.
+    /// How the norm of the gradient was shortened, where the two right ways differ.
+    pub norm_clipping: Option<&'static str>,
+    /// Mistakes that were not tried everywhere because that would take too long.
+    pub mistakes_left_out: Vec<&'static str>,
+    /// Whether pairs of mistakes were left out for that reason.
     pub pairs_left_out: bool,
 }
 
@@ -102,11 +116,18 @@ impl Hypothesis {
 
 /// Judges targets, loss, gradients and weights, each given what explains the ones before it.
 pub fn check(update: &Update) -> Verdict {
+    check_with(update, &|_, _, _| ())
+}
+
+/// As [`check`], and tells how far it is.
+pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
     let search = Search {
         update,
         reference: Reference::new(update),
         right: Variant::right(update),
-        gradients: RefCell::new(None),
+        raw_gradients: Mutex::new(Vec::new()),
+        work: AtomicU64::new(0),
+        progress,
     };
     let mut hypotheses = vec![Hypothesis {
         variant: search.right,
@@ -115,21 +136,17 @@ pub fn check(update: &Update) -> Verdict {
         takes_their_targets: false,
         takes_their_gradients: false,
     }];
-    let mut quantities = Vec::new();
-    let mut pairs_left_out = false;
+    let (mut quantities, mut left_out, mut norm_clipping) = (Vec::new(), LeftOut::default(), None);
     for stage in Stage::ALL {
         let Some(theirs) = search.theirs(stage) else {
             quantities.push(Judged::absent(stage));
             continue;
         };
-        let ours = search.compute(&hypotheses[0], stage, 0);
+        let ours = search.compute(&hypotheses[0], stage);
         let mut judged = Judged::new(stage, &ours, theirs);
-        let mut following: Vec<_> =
-            hypotheses.iter().filter(|hypothesis| search.reproduces(hypothesis, stage)).cloned().collect();
+        let mut following = search.still_reproducing(&hypotheses, &ours, stage, &mut left_out);
         if following.is_empty() {
-            let (explaining, left_out) = search.explain(&hypotheses, stage);
-            following = explaining;
-            pairs_left_out |= left_out;
+            following = search.explain(&hypotheses, stage, &mut left_out);
         }
         match following.first() {
             None => {
@@ -144,7 +161,7 @@ pub fn check(update: &Update) -> Verdict {
                 hypotheses = following;
             }
             Some(first) => {
-                judged = Judged::new(stage, &search.compute(first, stage, 0), theirs);
+                judged = Judged::new(stage, &search.compute(first, stage), theirs);
                 judged.state = State::Equal;
                 hypotheses = following;
                 // Where two actions are equally good, theirs may have the value of the other one.
@@ -153,24 +170,62 @@ pub fn check(update: &Update) -> Verdict {
                 }
             }
         }
+        if stage >= Stage::Gradients && judged.state != State::Different {
+            norm_clipping = norm_clipping.or_else(|| search.norm_clipping(&hypotheses[0], stage));
+        }
         quantities.push(judged);
     }
     let is_unexplained = quantities.iter().any(|quantity| quantity.state == State::Different);
+    let not_visible =
+        if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0], &mut left_out) };
     Verdict {
         equal: quantities.iter().all(|quantity| matches!(quantity.state, State::Absent | State::Equal)),
-        not_visible: if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0]) },
+        not_visible,
         explanations: hypotheses.iter().map(Hypothesis::explained).filter(|list| !list.is_empty()).collect(),
         quantities,
-        pairs_left_out,
+        norm_clipping,
+        mistakes_left_out: left_out.mistakes,
+        pairs_left_out: left_out.pairs,
     }
+}
+
+/// What was not tried.
+#[derive(Default)]
+struct LeftOut {
+    mistakes: Vec<&'static str>,
+    pairs: bool,
+}
+
+impl LeftOut {
+    fn add(&mut self, candidates: &[Hypothesis]) {
+        let last = |candidate: &Hypothesis| {
+            candidate.found.iter().chain(&candidate.reported_only).last().map(|(mistake, _)| mistake.id)
+        };
+        for id in candidates.iter().filter_map(last) {
+            if !self.mistakes.contains(&id) {
+                self.mistakes.push(id);
+            }
+        }
+    }
+}
+
+/// What the last layer says of a candidate.
+enum FirstLook {
+    RuledOut,
+    Reproduces,
+    /// All layers must be computed, which takes so many products.
+    Open(u64),
 }
 
 struct Search<'a> {
     update: &'a Update,
     reference: Reference<'a>,
     right: Variant,
-    /// The last gradients computed: many variants differ in the step alone.
-    gradients: RefCell<Option<(Variant, usize, Vec<Number>)>>,
+    /// Gradients before they are clipped, and the ∂L/∂Q that each belongs to.
+    raw_gradients: Mutex<Vec<(Matrix, Arc<Vec<Number>>)>>,
+    /// Products so far.
+    work: AtomicU64,
+    progress: &'a Progress<'a>,
 }
 
 impl Search<'_> {
@@ -184,101 +239,262 @@ impl Search<'_> {
         }
     }
 
-    /// A quantity; of gradients and weights those of the layers from `first` on.
-    fn compute(&self, hypothesis: &Hypothesis, stage: Stage, first: usize) -> Vec<Number> {
-        let Hypothesis { variant, takes_their_targets, takes_their_gradients, .. } = hypothesis;
-        let parameters = self.first_parameter(first);
-        if stage == Stage::Weights
-            && *takes_their_gradients
-            && let Some(gradients) = self.theirs(Stage::Gradients)
+    /// Their gradients, where the weights are computed from them as they are.
+    fn taken_gradients(&self, hypothesis: &Hypothesis, stage: Stage) -> Option<Vec<Number>> {
+        let takes = stage == Stage::Weights && hypothesis.takes_their_gradients;
+        let gradients = self.theirs(Stage::Gradients).filter(|_| takes)?;
+        Some(gradients.iter().copied().map(Number::exact).collect())
+    }
+
+    fn targets_and_loss(&self, hypothesis: &Hypothesis) -> (Targets, LossOf) {
+        let mut targets = self.reference.targets(&hypothesis.variant);
+        if hypothesis.takes_their_targets
+            && let Some(theirs) = self.theirs(Stage::Targets)
         {
-            let gradients: Vec<_> = gradients.iter().copied().map(Number::exact).collect();
-            return self.reference.weights(variant, &gradients, parameters);
+            targets.values = theirs.iter().copied().map(Number::exact).collect();
         }
-        let upstream = || -> (Targets, LossOf) {
-            let mut targets = self.reference.targets(variant);
-            if *takes_their_targets && let Some(theirs) = self.theirs(Stage::Targets) {
-                targets.values = theirs.iter().copied().map(Number::exact).collect();
-            }
-            let loss = self.reference.loss(variant, &targets);
-            (targets, loss)
-        };
+        let loss = self.reference.loss(&hypothesis.variant, &targets);
+        (targets, loss)
+    }
+
+    /// A quantity.
+    fn compute(&self, hypothesis: &Hypothesis, stage: Stage) -> Vec<Number> {
+        let variant = &hypothesis.variant;
+        if let Some(gradients) = self.taken_gradients(hypothesis, stage) {
+            return self.reference.weights(variant, &gradients, 0);
+        }
         match stage {
             Stage::Targets => self.reference.targets(variant).values,
-            Stage::Loss => vec![upstream().1.value],
+            Stage::Loss => vec![self.targets_and_loss(hypothesis).1.value],
             Stage::Gradients | Stage::Weights => {
-                // The step decides nothing before it.
-                let key = Variant {
-                    optimizer: self.right.optimizer,
-                    epsilon: self.right.epsilon,
-                    step: self.right.step,
-                    decay: self.right.decay,
-                    ..*variant
-                };
-                let mut cached = self.gradients.borrow_mut();
-                if !cached.as_ref().is_some_and(|(of, from, _)| *of == key && *from == first) {
-                    let (targets, loss) = upstream();
-                    let gradients = self.reference.gradients(variant, &targets, &loss, first);
-                    *cached = Some((key, first, gradients));
+                let (targets, loss) = self.targets_and_loss(hypothesis);
+                let raw = self.raw_gradients(variant, &targets, &loss);
+                let gradients = self.reference.changed(variant, raw.to_vec());
+                if stage == Stage::Gradients {
+                    return gradients;
                 }
-                let gradients = cached.as_ref().map_or(&[][..], |(.., gradients)| gradients);
-                match stage {
-                    Stage::Weights => self.reference.weights(variant, gradients, parameters),
-                    _ => gradients[parameters..].to_vec(),
-                }
+                self.reference.weights(variant, &gradients, 0)
             }
         }
+    }
+
+    fn known_gradients(&self, variant: &Variant, loss: &LossOf) -> Option<Arc<Vec<Number>>> {
+        // Through the targets the gradient depends on more than ∂L/∂Q.
+        if variant.through_target {
+            return None;
+        }
+        let known = self.raw_gradients.lock().unwrap_or_else(PoisonError::into_inner);
+        known.iter().find(|(by_q, _)| *by_q == loss.by_q).map(|(_, gradients)| Arc::clone(gradients))
+    }
+
+    fn raw_gradients(&self, variant: &Variant, targets: &Targets, loss: &LossOf) -> Arc<Vec<Number>> {
+        if let Some(known) = self.known_gradients(variant, loss) {
+            return known;
+        }
+        let gradients = Arc::new(self.reference.raw_gradients(variant, targets, loss, 0));
+        if !variant.through_target {
+            let mut known = self.raw_gradients.lock().unwrap_or_else(PoisonError::into_inner);
+            // The first stays: it is that of most candidates.
+            if known.len() == KEPT {
+                known.remove(1);
+            }
+            known.push((loss.by_q.clone(), Arc::clone(&gradients)));
+        }
+        gradients
+    }
+
+    /// Which of the two right ways of shortening a norm they have taken, if the numbers tell.
+    fn norm_clipping(&self, hypothesis: &Hypothesis, stage: Stage) -> Option<&'static str> {
+        if hypothesis.variant.clipping != Clipping::Norm {
+            return None;
+        }
+        let forms = [
+            (NORM_MARGIN, "g c / (‖g‖ + 1e-6), as in PyTorch"),
+            (0.0, "g c / ‖g‖, as in TensorFlow and Optax"),
+        ];
+        let mut fitting = forms.into_iter().filter(|(margin, _)| {
+            let variant = Variant { norm_margin: Some(*margin), ..hypothesis.variant };
+            self.reproduces(&Hypothesis { variant, ..hypothesis.clone() }, stage)
+        });
+        let (first, second) = (fitting.next(), fitting.next());
+        first.filter(|_| second.is_none()).map(|(_, name)| name)
     }
 
     fn first_parameter(&self, layer: usize) -> usize {
         (0..layer).map(|layer| self.update.online.layer(layer).len()).sum()
     }
 
-    /// Whether a hypothesis gives their numbers; the last layer alone says it for most that do not.
+    /// Whether a hypothesis gives their numbers.
     fn reproduces(&self, hypothesis: &Hypothesis, stage: Stage) -> bool {
-        let Some(theirs) = self.theirs(stage) else { return true };
-        let last = self.update.online.num_layers() - 1;
-        let is_split = stage >= Stage::Gradients && last > 0 && hypothesis.variant.clipping != Clipping::Norm;
-        let first_layers = if is_split { &[last, 0][..] } else { &[0] };
-        first_layers.iter().all(|&first| {
-            let ours = self.compute(hypothesis, stage, first);
-            let theirs =
-                if stage >= Stage::Gradients { &theirs[self.first_parameter(first)..] } else { theirs };
-            ours.iter().zip(theirs).all(|(ours, &theirs)| agrees(ours, theirs))
-        })
+        self.theirs(stage).is_none_or(|theirs| all_agree(&self.compute(hypothesis, stage), theirs))
     }
 
-    /// The hypotheses with the fewest changes that give their numbers, and whether pairs were left out.
-    fn explain(&self, hypotheses: &[Hypothesis], stage: Stage) -> (Vec<Hypothesis>, bool) {
-        let reproducing = |candidates: Vec<Hypothesis>| -> Vec<Hypothesis> {
-            let reproduce = candidates.into_iter().filter(|candidate| self.reproduces(candidate, stage));
-            reproduce.take(MAX_EXPLANATIONS).collect()
-        };
-        let without: Vec<_> =
-            hypotheses.iter().flat_map(|hypothesis| self.without_one(hypothesis, stage)).collect();
-        let found = reproducing(without.clone());
-        if !found.is_empty() {
-            return (found, false);
+    /// Rules out most of the candidates that do not give their numbers, at the price of the last layer.
+    fn first_look(&self, hypothesis: &Hypothesis, stage: Stage) -> FirstLook {
+        let decided = |agrees| if agrees { FirstLook::Reproduces } else { FirstLook::RuledOut };
+        let Some(theirs) = self.theirs(stage) else { return FirstLook::Reproduces };
+        if stage < Stage::Gradients || self.taken_gradients(hypothesis, stage).is_some() {
+            return decided(self.reproduces(hypothesis, stage));
         }
-        for bases in [hypotheses, &without] {
-            let found = reproducing(bases.iter().flat_map(|base| self.with_one(base, stage)).collect());
-            if !found.is_empty() {
-                return (found, false);
+        let variant = &hypothesis.variant;
+        let (targets, loss) = self.targets_and_loss(hypothesis);
+        let last = self.update.online.num_layers() - 1;
+        let first = self.first_parameter(last);
+        let is_norm = variant.clipping == Clipping::Norm;
+        if !is_norm || stage == Stage::Gradients {
+            let raw = self.reference.raw_gradients(variant, &targets, &loss, last);
+            // The norm is that of all layers.
+            let clipping = if is_norm { Clipping::Nothing } else { variant.clipping };
+            let gradients = self.reference.changed(&Variant { clipping, ..*variant }, raw);
+            let agrees = match stage {
+                Stage::Weights => {
+                    all_agree(&self.reference.weights(variant, &gradients, first), &theirs[first..])
+                }
+                _ if is_norm => self.could_be_shortened(&gradients[first..], &theirs[first..]),
+                _ => all_agree(&gradients[first..], &theirs[first..]),
+            };
+            if !agrees || (last == 0 && !is_norm) {
+                return decided(agrees);
             }
         }
-        let pairs: Vec<_> = hypotheses.iter().flat_map(|base| self.with_two(base, stage)).collect();
-        let sizes = self.update.online.sizes();
-        let outputs = sizes[sizes.len() - 2] * sizes[sizes.len() - 1];
-        let is_whole = self.right.clipping != Clipping::Nothing;
-        let parameters = if is_whole { self.update.online.parameters().len() } else { outputs };
-        let products = if stage >= Stage::Gradients { parameters } else { 1 };
-        let factors = [products, self.update.batch.rewards.len(), pairs.len()];
-        if factors.into_iter().fold(1, |product: u64, factor| product.saturating_mul(factor as u64))
-            > MAX_PAIR_PRODUCTS
-        {
-            return (Vec::new(), true);
+        let is_known = self.known_gradients(variant, &loss).is_some();
+        FirstLook::Open(if is_known { self.step_work() } else { self.gradient_work(variant) })
+    }
+
+    /// Whether one factor of at most 1 could make theirs of ours. That the norm has an error too is allowed for with more
+    /// than it can be.
+    fn could_be_shortened(&self, ours: &[Number], theirs: &[f64]) -> bool {
+        let parameters = self.update.online.parameters().len() as f64;
+        let rounding = SAFETY * self.update.rounding_unit * parameters.sqrt();
+        let norm_error = 0.02 + rounding + 2.0 * NORM_MARGIN / self.right.max_gradient_norm.unwrap_or(1.0);
+        let (mut least, mut most) = (0.0_f64, 1.0 + norm_error);
+        for (ours, &theirs) in ours.iter().zip(theirs) {
+            let tolerance = ours.tolerance() + norm_error * ours.value.abs();
+            // theirs ≤ factor (ours + tolerance), and as much for −theirs.
+            for (bound, theirs) in [(tolerance + ours.value, theirs), (tolerance - ours.value, -theirs)] {
+                match bound {
+                    bound if bound > 0.0 => least = least.max(theirs / bound),
+                    bound if bound < 0.0 => most = most.min(theirs / bound),
+                    _ if theirs > 0.0 => return false,
+                    _ => {}
+                }
+            }
         }
-        (reproducing(pairs), false)
+        least <= most
+    }
+
+    /// Products of a first look at a candidate. What takes longer than a product counts as several.
+    fn look_work(&self, candidate: &Hypothesis, stage: Stage) -> u64 {
+        let (batch, sizes) = (self.update.batch.rewards.len(), self.update.online.sizes());
+        let outputs = sizes[sizes.len() - 1];
+        let pairs = if candidate.variant.predicted == Predicted::EveryPair { batch * batch } else { batch };
+        let layer = if stage >= Stage::Gradients { (sizes[sizes.len() - 2] + 1) * outputs } else { 0 };
+        (32 * (batch * outputs + pairs) + 3 * batch * layer + 64 * layer) as u64
+    }
+
+    /// Products of a step of all parameters.
+    fn step_work(&self) -> u64 {
+        64 * self.update.online.parameters().len() as u64
+    }
+
+    /// Products of the gradients of all layers.
+    fn gradient_work(&self, variant: &Variant) -> u64 {
+        let passes = if variant.through_target { 2 } else { 1 };
+        let products = self.update.online.parameters().len() * self.update.batch.rewards.len();
+        self.step_work() + 5 * passes * products as u64
+    }
+
+    /// Spends work, if there is enough left.
+    fn affords(&self, work: u64) -> bool {
+        let spent = self.work.load(Ordering::Relaxed).saturating_add(work);
+        let affords = spent <= MAX_WORK;
+        if affords {
+            self.work.store(spent, Ordering::Relaxed);
+        }
+        affords
+    }
+
+    /// The candidates that give their numbers, in their order; and those that were not tried.
+    fn reproducing(&self, candidates: Vec<Hypothesis>, stage: Stage) -> (Vec<Hypothesis>, Vec<Hypothesis>) {
+        let (looked_at, mut left_out): (Vec<_>, Vec<_>) =
+            candidates.into_iter().partition(|candidate| self.affords(self.look_work(candidate, stage)));
+        let looks = self.in_parallel(&looked_at, stage, |candidate| self.first_look(candidate, stage));
+        let mut open = Vec::new();
+        for (candidate, look) in looked_at.into_iter().zip(looks) {
+            match look {
+                FirstLook::RuledOut => {}
+                FirstLook::Reproduces => open.push((candidate, true)),
+                FirstLook::Open(work) if self.affords(work) => open.push((candidate, false)),
+                FirstLook::Open(_) => left_out.push(candidate),
+            }
+        }
+        let verdicts = self.in_parallel(&open, stage, |(candidate, is_decided)| {
+            *is_decided || self.reproduces(candidate, stage)
+        });
+        let found = open.into_iter().zip(verdicts).filter(|(_, reproduces)| *reproduces);
+        (found.map(|((candidate, _), _)| candidate).collect(), left_out)
+    }
+
+    /// The results of a function, in the order of the items, which several threads compute.
+    fn in_parallel<T: Sync, R: Send + Sync>(
+        &self,
+        items: &[T],
+        stage: Stage,
+        function: impl Fn(&T) -> R + Sync,
+    ) -> Vec<R> {
+        let is_large = self.update.online.parameters().len() > MAX_PARALLEL;
+        let cores = thread::available_parallelism().map_or(1, usize::from);
+        let threads = if is_large { 1 } else { cores.min(items.len()) };
+        let results: Vec<OnceLock<R>> = items.iter().map(|_| OnceLock::new()).collect();
+        let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let work = || {
+            while let index = next.fetch_add(1, Ordering::Relaxed)
+                && let Some(item) = items.get(index)
+            {
+                let _ = results[index].set(function(item));
+                (self.progress)(stage, done.fetch_add(1, Ordering::Relaxed) + 1, items.len());
+            }
+        };
+        thread::scope(|scope| {
+            (1..threads).for_each(|_| drop(scope.spawn(work)));
+            work();
+        });
+        results.into_iter().filter_map(OnceLock::into_inner).collect()
+    }
+
+    /// The hypotheses that give the numbers of one more quantity as well; `ours` are those of the first.
+    fn still_reproducing(
+        &self,
+        hypotheses: &[Hypothesis],
+        ours: &[Number],
+        stage: Stage,
+        left_out: &mut LeftOut,
+    ) -> Vec<Hypothesis> {
+        let first = self.theirs(stage).is_none_or(|theirs| all_agree(ours, theirs));
+        let (others, untried) = self.reproducing(hypotheses[1..].to_vec(), stage);
+        left_out.add(&untried);
+        hypotheses[..1].iter().filter(|_| first).cloned().chain(others).collect()
+    }
+
+    /// The hypotheses with the fewest changes that give their numbers.
+    fn explain(&self, hypotheses: &[Hypothesis], stage: Stage, left_out: &mut LeftOut) -> Vec<Hypothesis> {
+        let without: Vec<_> =
+            hypotheses.iter().flat_map(|hypothesis| self.without_one(hypothesis, stage)).collect();
+        let with_one =
+            |bases: &[Hypothesis]| bases.iter().flat_map(|base| self.with_one(base, stage)).collect();
+        for candidates in [without.clone(), with_one(hypotheses), with_one(&without)] {
+            let (mut found, untried) = self.reproducing(candidates, stage);
+            left_out.add(&untried);
+            if !found.is_empty() {
+                found.truncate(MAX_EXPLANATIONS);
+                return found;
+            }
+        }
+        let pairs = hypotheses.iter().flat_map(|base| self.with_two(base, stage)).collect();
+        let (mut found, untried) = self.reproducing(pairs, stage);
+        left_out.pairs |= !untried.is_empty();
+        found.truncate(MAX_EXPLANATIONS);
+        found
     }
 
     /// The mistakes that can show in a quantity: those that no quantity before it has ruled out.
@@ -333,18 +549,26 @@ impl Search<'_> {
     }
 
     /// The mistakes that would change none of the quantities given.
-    fn not_visible(&self, hypothesis: &Hypothesis) -> Vec<String> {
+    fn not_visible(&self, hypothesis: &Hypothesis, left_out: &mut LeftOut) -> Vec<String> {
         let given = |stage: &Stage| self.theirs(*stage).is_some();
-        let last = Stage::ALL.into_iter().rfind(given);
-        let hides = |mistake: &&'static Mistake| {
-            let with = hypothesis.with(mistake, mistake.stage);
-            let later = Stage::ALL.into_iter().filter(|stage| *stage >= mistake.stage);
-            last.is_some_and(|last| mistake.stage <= last)
-                && with.variant != hypothesis.variant
-                && later.filter(given).all(|stage| self.reproduces(&with, stage))
-        };
-        CATALOGUE.iter().filter(hides).map(Mistake::name).collect()
+        let Some(last) = Stage::ALL.into_iter().rfind(given) else { return Vec::new() };
+        let mistakes = CATALOGUE.iter().filter(|mistake| mistake.stage <= last);
+        let mut hidden: Vec<_> = mistakes.map(|mistake| hypothesis.with(mistake, mistake.stage)).collect();
+        hidden.retain(|with| with.variant != hypothesis.variant);
+        for stage in Stage::ALL.into_iter().filter(given) {
+            let shows =
+                |with: &Hypothesis| with.found.last().is_some_and(|(mistake, _)| mistake.stage <= stage);
+            let (concerned, others): (Vec<_>, Vec<_>) = hidden.into_iter().partition(shows);
+            let (found, untried) = self.reproducing(concerned, stage);
+            left_out.add(&untried);
+            hidden = found.into_iter().chain(others).collect();
+        }
+        hidden.iter().filter_map(|with| with.found.last()).map(|(mistake, _)| mistake.name()).collect()
     }
+}
+
+fn all_agree(ours: &[Number], theirs: &[f64]) -> bool {
+    ours.iter().zip(theirs).all(|(ours, &theirs)| agrees(ours, theirs))
 }
 
 impl Hypothesis {

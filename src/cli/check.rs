@@ -2,19 +2,25 @@
 
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use clap::Args;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
-use crate::check::{EpsilonPlace, Explained, Judged, Settings, State, Update, UpdateError, Verdict, check};
+use crate::check::{
+    EpsilonPlace, Explained, Judged, Settings, Stage, State, Update, UpdateError, Verdict, check_with,
+};
 use crate::text::shown;
 
 /// Columns of the text.
 const WIDTH: usize = 80;
 /// Columns before it: where the names of the quantities stand.
 const INDENT: usize = 11;
+/// How long a check shows no progress.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Say which known mistake another program's DQN update has.
 ///
@@ -55,7 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         (arguments.file.clone(), Update::read(&arguments.file)?)
     };
-    let verdict = check(&update);
+    let verdict = check_in_view(&update);
     if arguments.json {
         let file = shown(&file);
         print_json(&Record { file, settings: update.settings, verdict: &verdict })?;
@@ -63,6 +69,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         print(&describe(&shown(&file), &update, &verdict))?;
     }
     if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
+}
+
+/// Checks an update; in a terminal a bar shows how far a check that takes longer is.
+fn check_in_view(update: &Update) -> Verdict {
+    let (start, bar) = (Instant::now(), ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::stderr()));
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} mistakes tried") {
+        bar.set_style(style);
+    }
+    let show = |stage: Stage, done: usize, candidates: usize| {
+        if start.elapsed() > PATIENCE {
+            bar.set_message(stage.name());
+            bar.set_length(candidates as u64);
+            bar.set_position(done as u64);
+        }
+    };
+    let verdict = check_with(update, &show);
+    bar.finish_and_clear();
+    verdict
 }
 
 /// The last line.
@@ -104,8 +128,11 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         let names: Vec<_> = other.iter().map(|mistake| mistake.what.to_owned()).collect();
         put(&mut text, "or", &format!("these numbers are as well explained by: {}", names.join(" AND ")));
     }
-    if verdict.pairs_left_out {
-        put(&mut text, "note", "pairs of mistakes were not tried: the network is too large for that");
+    if let Some(form) = verdict.norm_clipping {
+        put(&mut text, "clipping", &format!("the norm is shortened as {form}; both forms are right"));
+    }
+    if !verdict.mistakes_left_out.is_empty() || verdict.pairs_left_out {
+        put(&mut text, "not tried", &not_tried(verdict));
     }
     if !verdict.not_visible.is_empty() {
         put(
@@ -118,6 +145,18 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         );
     }
     text
+}
+
+fn not_tried(verdict: &Verdict) -> String {
+    let mut left_out: Vec<String> = verdict.mistakes_left_out.iter().map(|id| id.replace('_', " ")).collect();
+    if verdict.pairs_left_out {
+        left_out.push("some pairs of mistakes".into());
+    }
+    format!(
+        "for an update of this size these would take too long: {}. An update with a smaller batch or a smaller network \
+         shows them as well",
+        left_out.join(", ")
+    )
 }
 
 fn settings(update: &Update) -> String {

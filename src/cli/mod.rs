@@ -144,6 +144,9 @@ fn with_tip(mut error: clap::Error) -> clap::Error {
     error
 }
 
+/// Bytes of an argument that is not repeated whole in a message.
+const LONG: usize = 1000;
+
 /// Prints clap's message, which may be the help.
 fn print_usage(mut error: clap::Error) -> ExitCode {
     // Clap would leave control characters of an argument out, or print them as they are.
@@ -156,7 +159,7 @@ fn print_usage(mut error: clap::Error) -> ExitCode {
     }
     let is_strange = |argument: std::ffi::OsString| {
         let argument = argument.to_string_lossy();
-        escaped(&argument) != argument
+        escaped(&argument) != argument || argument.len() > LONG
     };
     if error.use_stderr() && std::env::args_os().any(is_strange) {
         // Plain, as the escape sequences that colour the message cannot be told from those in an argument.

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::config::ConfigError;
 use crate::env::EnvironmentError;
 use crate::run::{CheckpointError, CheckpointProblem, RunError};
-use crate::text::{shell_word, shown, steers};
+use crate::text::{limited, shell_word, shown, steers};
 use crate::trainer::{ResumeError, TrainError};
 use crate::view::NoView;
 
@@ -158,7 +158,7 @@ pub(super) fn note(text: &str) {
 
 /// Prints a line to stderr; a closed stderr leaves nobody to tell.
 pub(super) fn say(text: &str) {
-    let _ = writeln!(io::stderr(), "{}", escaped(text));
+    let _ = writeln!(io::stderr(), "{}", escaped(&limited(text)));
 }
 
 /// Prints to stdout. A reader that has gone away (`| head`) is no failure. JSON stays JSON: see [`escaped`].

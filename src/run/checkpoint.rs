@@ -14,7 +14,7 @@ use crate::agent::Policy;
 use crate::env::Spec;
 use crate::files::{Directory, open_ordinary, read_limited, write_whole};
 use crate::memory::check_memory;
-use crate::tensors::{TensorError, Tensors, foreign_format, sha256};
+use crate::tensors::{TensorError, Tensors, check_count, foreign_format, header_of, sha256};
 use crate::trainer::ResumeError;
 
 /// The version of the layout, the only one that this program reads. It is raised whenever an old reader would misread a
@@ -152,6 +152,7 @@ impl Checkpoint {
     /// When it is not a whole safetensors file, or not as it was written.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, CheckpointProblem> {
         let damaged = |error: safetensors::SafeTensorError| no_safetensors(bytes, error.to_string());
+        check_count(header_of(bytes)).map_err(CheckpointProblem::NotSafetensors)?;
         let (header_length, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let tensors = Tensors::from_safetensors(bytes).map_err(damaged)?;
         let metadata = metadata.metadata().clone().unwrap_or_default();
@@ -253,6 +254,7 @@ fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     let data = data.filter(|_| length <= MAX_HEADER_SIZE).ok_or_else(|| damaged("its header is too long"))?;
     let mut header = Vec::new();
     file.take(length).read_to_end(&mut header).map_err(CheckpointProblem::Unreadable)?;
+    check_count(&header).map_err(|problem| damaged(&problem))?;
     let header: Metadata =
         serde_json::from_slice(&header).map_err(|error| damaged(&format!("its header: {error}")))?;
     match header.data_len() as u64 {

@@ -5,7 +5,7 @@
 //! `Summary { repeated Value value = 1; }`, `Value { string tag = 1; float simple_value = 2; }`.
 
 use std::collections::VecDeque;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -33,7 +33,7 @@ pub struct TensorBoard {
 }
 
 impl TensorBoard {
-    /// Creates a new file in a directory, which is made if it is missing, for a run that continues after `env_steps` steps.
+    /// Creates a new file in a directory, which is made if it is missing, for a run that has made `env_steps` steps.
     ///
     /// # Errors
     /// When that fails.
@@ -44,8 +44,10 @@ impl TensorBoard {
         learning_rate: impl Fn(u64) -> f64 + 'static,
     ) -> io::Result<Self> {
         directory.create_dir(folder)?;
-        let name =
-            format!("{TENSORBOARD_PREFIX}{:.0}.cartpole-dqn.{}", wall_time().floor(), std::process::id());
+        // TensorBoard reads the files of a directory by name, so the new one must be the last.
+        let latest = latest_second(folder)?;
+        let second = latest.map_or(0, |latest| latest + 1).max(wall_time() as u64);
+        let name = format!("{TENSORBOARD_PREFIX}{second}.cartpole-dqn.{}", std::process::id());
         let file = BufWriter::new(directory.create_file(&folder.join(name))?);
         let learning_rate = Box::new(learning_rate);
         let mut sink = Self { file, learning_rate, recent_lengths: VecDeque::new(), start: None };
@@ -53,11 +55,12 @@ impl TensorBoard {
         put_double(&mut version, 1, wall_time());
         put_bytes(&mut version, 3, b"brain.Event:2");
         sink.write_record(&version)?;
-        if env_steps > 0 {
-            // `SessionLog { status = START }`: TensorBoard then forgets what earlier files hold from this step on.
+        if latest.is_some() {
+            // `SessionLog { status = START }`: TensorBoard then forgets what earlier files hold from this step on. A run
+            // that begins again at step 0 has no event of that step.
             let mut start = Vec::new();
             put_double(&mut start, 1, wall_time());
-            put_varint(&mut start, 2, env_steps + 1);
+            put_varint(&mut start, 2, if env_steps == 0 { 0 } else { env_steps + 1 });
             put_bytes(&mut start, 7, &[1 << 3, 1]);
             sink.write_record(&start)?;
         }
@@ -140,6 +143,20 @@ impl Observer for TensorBoard {
             Event::End { .. } => self.file.flush(),
         }
     }
+}
+
+/// The second of the latest event file in a directory, by its name.
+fn latest_second(folder: &Path) -> io::Result<Option<u64>> {
+    let mut latest = None;
+    for entry in fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        let second = name.to_str().and_then(|name| name.strip_prefix(TENSORBOARD_PREFIX)?.split('.').next());
+        if let Some(second) = second.and_then(|second| second.parse::<u64>().ok()) {
+            // A name that somebody has changed can hold any number.
+            latest = latest.max(Some(second.min(u64::MAX - 1)));
+        }
+    }
+    Ok(latest)
 }
 
 /// Seconds since 1970.

@@ -260,6 +260,55 @@ fn an_update_that_cannot_show_a_mistake_says_so() {
     assert!(!verdict.not_visible.iter().any(|hidden| hidden == "sum"));
 }
 
+#[test]
+fn a_norm_is_shortened_rightly_in_both_ways_and_the_verdict_says_which_one_it_is() {
+    for (margin, name) in [(1e-6, "PyTorch"), (0.0, "Optax")] {
+        let settings = Settings { max_gradient_norm: Some(0.3), ..settings_for("") };
+        for stages in [&Stage::ALL[..], &[Stage::Gradients]] {
+            let mut update = update(settings, 20, true);
+            let variant = Variant { norm_margin: Some(margin), ..Variant::right(&update) };
+            fill(&mut update, &variant, stages);
+            let verdict = check(&update);
+            assert!(verdict.equal, "{name}: {verdict:?}");
+            assert!(verdict.norm_clipping.is_some_and(|form| form.contains(name)), "{verdict:?}");
+            // In f32 the two are the same numbers.
+            update.rounding_unit = f64::from(f32::EPSILON) / 2.0;
+            let verdict = check(&update);
+            assert!(verdict.equal && verdict.norm_clipping.is_none(), "{verdict:?}");
+        }
+    }
+}
+
+/// Layers and a batch near the limits, and results that nothing explains: the whole catalogue is tried, or named.
+#[test]
+fn a_large_update_that_nothing_explains_says_what_was_not_tried() {
+    let settings = Settings { max_gradient_norm: Some(0.3), ..settings_for("") };
+    let mut rng = Rng::from_seed(7);
+    let mut update = update(settings, 20, true);
+    let (sizes, size) = (vec![4, 64, 64, 3], 1 << 13);
+    let mut network = |high: f64| {
+        let mut network = Mlp::zeros(sizes.clone());
+        network.parameters_mut().fill_with(|| rng.uniform(0.0, high));
+        network
+    };
+    (update.online, update.target) = (network(0.2), Some(network(0.2)));
+    (update.adam.first, update.adam.second) = (network(0.1), network(0.1));
+    let results = Results { gradients: Some(network(0.1)), online: Some(network(0.3)), ..Results::default() };
+    let batch = &mut update.batch;
+    batch.observations = DMatrix::from_fn(size, 4, |_, _| rng.uniform(-2.0, 2.0));
+    batch.next_observations = DMatrix::from_fn(size, 4, |_, _| rng.uniform(-2.0, 2.0));
+    batch.actions = (0..size).map(|sample| sample % 3).collect();
+    batch.rewards = (0..size).map(|_| rng.uniform(-2.0, 3.0)).collect();
+    batch.terminated = vec![false; size];
+    batch.truncated = None;
+    batch.discounts = vec![0.9; size];
+    update.results = results;
+    let verdict = check(&update);
+    let states: Vec<_> = verdict.quantities.iter().map(|quantity| quantity.state).collect();
+    assert_eq!(states, [State::Absent, State::Absent, State::Different, State::Different]);
+    assert!(verdict.pairs_left_out && verdict.explanations.is_empty(), "{verdict:?}");
+}
+
 /// Every kind of config that changes the update.
 const CONFIGS: [&[&str]; 7] = [
     &[],
@@ -426,4 +475,51 @@ fn what_is_wrong_with_a_file_is_named_with_what_is_expected() {
         file.put(name, shape, values);
         refused(file.to_bytes(&lesson.settings()).unwrap(), expected);
     }
+}
+
+/// A safetensors file without data, of these entries of its header.
+fn header_alone(entries: impl Iterator<Item = String>) -> Vec<u8> {
+    let header = format!("{{{}}}", entries.collect::<Vec<_>>().join(","));
+    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes()].concat()
+}
+
+#[test]
+fn a_message_has_a_limit_whatever_stands_in_the_file() {
+    let sandbox = Sandbox::new();
+    let long = "x".repeat(5_000_000);
+    let entry = |name: &str| format!(r#""{name}":{{"dtype":"F32","shape":[0],"data_offsets":[0,0]}}"#);
+    sandbox.write("name.safetensors", header_alone([entry(&long)].into_iter()));
+    sandbox.write("type.safetensors", header_alone([format!(r#""a":{{"dtype":"{long}"}}"#)].into_iter()));
+    sandbox.write("key.json", format!(r#"{{"{long}": 1}}"#));
+    sandbox.write("value.json", format!(r#"{{"agent": "{long}"}}"#));
+    for arguments in [
+        ["check", "name.safetensors"],
+        ["check", "type.safetensors"],
+        ["eval", "name.safetensors"],
+        ["eval", "type.safetensors"],
+        ["inspect", "type.safetensors"],
+        ["train", "--config=key.json"],
+        ["train", "--config=value.json"],
+        ["study", "--config=key.json"],
+    ] {
+        let assert = sandbox.run(&arguments).code(2);
+        let message = &assert.get_output().stderr;
+        assert!(message.len() < 20_000, "{arguments:?}: {} bytes", message.len());
+        assert!(message.starts_with(b"error: "), "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_file_of_very_many_tensors_is_refused_before_they_are_taken_apart() {
+    let sandbox = Sandbox::new();
+    let entry = |i: usize| format!(r#""{i}.weight":{{"dtype":"F32","shape":[0],"data_offsets":[0,0]}}"#);
+    sandbox.write("many.safetensors", header_alone((0..400_000).map(entry)));
+    for arguments in
+        [["eval", "many.safetensors"], ["inspect", "many.safetensors"], ["check", "many.safetensors"]]
+    {
+        sandbox.refuses(&arguments, &["more than 4096 tensors"]);
+    }
+    let mut eval = sandbox.command(&["eval", "-"]);
+    eval.pipe_stdin(sandbox.path("many.safetensors")).unwrap();
+    eval.assert().code(2).stderr(predicate::str::contains("more than 4096 tensors"));
 }

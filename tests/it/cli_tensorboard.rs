@@ -56,3 +56,36 @@ fn force_replaces_event_files_too_and_nothing_that_is_not_one() {
         &["tensorboard/notes.txt", "does not belong to a run"],
     );
 }
+
+/// The records of every event file of a run, the files by name.
+fn files(sandbox: &Sandbox, run: &str) -> Vec<Vec<Vec<u8>>> {
+    let folder = std::fs::read_dir(sandbox.path(run).join("tensorboard")).unwrap();
+    let mut paths: Vec<_> = folder.map(|file| file.unwrap().path()).collect();
+    paths.sort();
+    let records = |bytes: Vec<u8>| {
+        let (mut records, mut rest) = (Vec::new(), &bytes[..]);
+        while let Some((length, tail)) = rest.split_first_chunk::<8>() {
+            let length = u64::from_le_bytes(*length) as usize;
+            records.push(tail[4..4 + length].to_vec());
+            rest = &tail[4 + length + 4..];
+        }
+        records
+    };
+    paths.iter().map(|path| records(std::fs::read(path).unwrap())).collect()
+}
+
+#[test]
+fn a_run_that_begins_again_at_step_0_makes_tensorboard_forget_the_first_try() {
+    let sandbox = Sandbox::new();
+    sandbox.train(&["--out", "run", "--tensorboard"]).success();
+    std::fs::remove_dir_all(sandbox.path("run/checkpoints")).unwrap();
+    std::fs::remove_file(sandbox.path("run/summary.json")).unwrap();
+    sandbox.write("run/metrics.jsonl", "");
+    sandbox.run(&["train", "--quiet", "--resume", "run"]).success();
+    let [first, second] = &files(&sandbox, "run")[..] else { panic!("not two files") };
+    // Step 0, and `SessionLog { status = START }`.
+    let start = [&[2 << 3, 0][..], &[7 << 3 | 2, 2, 1 << 3, 1]].concat();
+    assert!(second[1].ends_with(&start), "{:?}", second[1]);
+    assert!(first.iter().all(|record| !record.ends_with(&start[2..])), "a new run has nothing to forget");
+    assert_eq!(first.len() + 1, second.len());
+}
