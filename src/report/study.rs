@@ -94,7 +94,7 @@ fn read_groups(folder: &Path, study_dir: &StudyDir) -> Result<(Vec<Group>, LeftO
 
 /// Why the last tries of missing trials ended, in words; nothing if there was none.
 pub fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
-    last_try_lines(&last_tries(study, tries)).iter().map(|line| wrapped(line, 0)).collect()
+    last_try_lines(&last_tries(study, tries), &Labels::new()).iter().map(|line| wrapped(line, 0)).collect()
 }
 
 /// What a reader must know of the numbers: one note for all configs that it is true of.
@@ -155,7 +155,7 @@ pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
     for statement in statements(&comparisons(ranked.iter().map(|config| config.scored(&labels)))) {
         text += &wrapped(&statement, 2);
     }
-    for line in failure_lines(&failures(&groups), trials) {
+    for line in failure_lines(&failures(&groups), trials, &labels) {
         text += &wrapped(&line, 7);
     }
     if let Some(note) = early_ends(&groups) {

@@ -164,8 +164,9 @@ pub(super) fn conclusions(report: &StudyReport) -> Vec<String> {
 
 /// The notes below the tables.
 pub(super) fn remarks(report: &StudyReport) -> Vec<String> {
-    let mut remarks = failure_lines(&report.failures, report.finished);
-    remarks.extend(last_try_lines(&report.last_tries));
+    let labels = names(report).map(|(label, name)| (name.to_owned(), label.to_owned())).collect();
+    let mut remarks = failure_lines(&report.failures, report.finished, &labels);
+    remarks.extend(last_try_lines(&report.last_tries, &labels));
     remarks.push(footnote(
         &report.configs[0].task,
         report.configs.iter().any(|config| config.final_iqm.low.is_some()),
