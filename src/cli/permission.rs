@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal, Write};
 
 use clap::Args;
 
-use super::ui::{Failure, escaped, note};
+use super::ui::{Failure, QUESTION, escaped, note};
 use crate::config::{Config, EnvironmentConfig};
 
 /// The user's word for a command that stands in a file.
@@ -31,7 +31,7 @@ impl AllowCommand {
         if !self.allow_command {
             return Err(format!(
                 "{file} names a program as its environment, and a file alone starts no program. If you trust this command, \
-                 add --allow-command: {command}"
+                 {QUESTION}{command}"
             ));
         }
         note(&format!(

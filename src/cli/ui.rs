@@ -10,6 +10,9 @@ use crate::text::{limited, shell_word, shown, steers};
 use crate::trainer::{ResumeError, TrainError};
 use crate::view::NoView;
 
+/// What stands before the command that would be started. A message with it is printed whole, however long the command is.
+pub(super) const QUESTION: &str = "add --allow-command: ";
+
 /// Why a command ended without success.
 #[derive(Debug)]
 pub(super) enum Failure {
@@ -158,7 +161,8 @@ pub(super) fn note(text: &str) {
 
 /// Prints a line to stderr; a closed stderr leaves nobody to tell.
 pub(super) fn say(text: &str) {
-    let _ = writeln!(io::stderr(), "{}", escaped(&limited(text)));
+    let text = if text.contains(QUESTION) { text.into() } else { limited(text) };
+    let _ = writeln!(io::stderr(), "{}", escaped(&text));
 }
 
 /// Prints to stdout. A reader that has gone away (`| head`) is no failure. JSON stays JSON: see [`escaped`].

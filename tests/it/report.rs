@@ -794,8 +794,11 @@ fn a_study_of_negative_returns_ranks_and_draws_them() {
     let small = ["network.hidden=[8]", "replay.warmup_steps=50", "exploration.steps=500", "budget.steps=900"];
     let config = |extra: &str| {
         let sets: Vec<String> = small.iter().chain([&extra]).map(ToString::to_string).collect();
-        let config = Config::from_layers(None, &sets).unwrap();
         let task = TwoStates::make()(1).unwrap().spec().clone();
+        let mut config = json!(Config::from_layers(None, &sets).unwrap());
+        config["environment"] =
+            json!({"command": ["two_states"], "processes": 1, "timeout_seconds": 60, "task": task});
+        let config: Config = serde_json::from_value(config).unwrap();
         NamedConfig { name: extra.into(), config, task }
     };
     let mut configs = vec![config("gamma=0.99"), config("gamma=0.9"), config("gamma=0.5")];

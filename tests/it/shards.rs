@@ -201,5 +201,5 @@ fn trials_beyond_the_seeds_of_the_study_are_ignored_and_counted() {
     let status = sandbox.run(&["study", "small", "--status"]).success();
     let status =
         status.stderr(predicates::str::contains("4 trials with other seeds than those of study.json"));
-    status.stdout(predicates::str::contains("all              4        0"));
+    status.stdout(predicates::str::contains("all                     4        0"));
 }

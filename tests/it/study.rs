@@ -74,7 +74,7 @@ refusals! {
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma=0.9,1.5"]
         => ["variation gamma=1.5", "`gamma` is 1.5", "from 0 to 1"];
     refuses_a_variation_of_an_unknown_key:
-        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gama=0.9"] => ["error: --vary: unknown key `gama`; did you mean `gamma`?"];
+        [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gama=0.9"] => ["`gama`", "`gamma`"];
     refuses_a_variation_without_values:
         [], ["study", "--out", "s", "--seeds", "0..2", "--vary", "gamma"] => ["--vary", "KEY=V1,V2"];
     refuses_an_empty_value:
@@ -275,7 +275,7 @@ fn a_trial_that_fails_is_recorded_and_stops_nothing() {
     let report = sandbox.run(&["report", "s", "--out", "elsewhere"]).success();
     let report = String::from_utf8(report.get_output().stdout.clone()).unwrap();
     assert_eq!(table(&printed), table(&report));
-    assert!(printed.contains("\n   1  … optimiz…te=0.001 "), "{printed}");
+    assert!(printed.contains("\n   1  cartpole optimizer.learning_rate=0.001 "), "{printed}");
     assert!(printed.lines().all(|line| line.chars().count() <= 80), "{printed}");
     let failed = trial(&sandbox, "s", "cartpole optimizer.learning_rate=1", 2);
     assert_eq!((&failed["summary"], &failed["final"]), (&Value::Null, &Value::Null));
