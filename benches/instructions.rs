@@ -19,7 +19,11 @@ fn main() {
         "checkpoint.every_steps=1000000000".into(),
         format!("learn.every_steps={every}"),
     ];
-    let mut trainer = Config::from_layers(None, &sets).unwrap().make_trainer().unwrap();
+    let mut trainer =
+        Config::from_layers(Some(("plain_dqn.json", include_str!("../tests/data/plain_dqn.json"))), &sets)
+            .unwrap()
+            .make_trainer()
+            .unwrap();
     let mut events: Vec<Event> = Vec::new();
     for _ in 0..1000 + steps {
         trainer.step(&mut events).unwrap();

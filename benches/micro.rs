@@ -189,7 +189,18 @@ mod kernels {
 fn agent() -> Dqn {
     let sets =
         ["network.hidden=[24,24]".into(), "exploration.initial=0".into(), "exploration.final=0".into()];
-    Dqn::new(Config::from_layers(None, &sets).unwrap().agent.as_dqn().unwrap().clone(), 4, 2, None, 0)
+    Dqn::new(
+        Config::from_layers(Some(("plain_dqn.json", include_str!("../tests/data/plain_dqn.json"))), &sets)
+            .unwrap()
+            .agent
+            .as_dqn()
+            .unwrap()
+            .clone(),
+        4,
+        2,
+        None,
+        0,
+    )
 }
 
 const OBSERVATION: [f32; 4] = [0.3, -0.4, 0.05, 0.2];

@@ -71,7 +71,11 @@ fn beside_the_update() {
         format!("evaluation.every_steps={NEVER}"),
         format!("checkpoint.every_steps={NEVER}"),
     ];
-    let mut trainer = Config::from_layers(None, &sets).unwrap().make_trainer().unwrap();
+    let mut trainer =
+        Config::from_layers(Some(("plain_dqn.json", include_str!("../tests/data/plain_dqn.json"))), &sets)
+            .unwrap()
+            .make_trainer()
+            .unwrap();
     // The events of a step are taken and dropped, as a sink does.
     let mut events: Vec<Event> = Vec::new();
     // ε has reached its end after 10,000 steps.

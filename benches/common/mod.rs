@@ -20,8 +20,18 @@ pub fn agent(hidden: &[usize], batch: usize) -> Dqn {
         format!("replay.batch_size={batch}"),
         format!("replay.capacity={CAPACITY}"),
     ];
-    let mut agent =
-        Dqn::new(Config::from_layers(None, &sets).unwrap().agent.as_dqn().unwrap().clone(), 4, 2, None, 0);
+    let mut agent = Dqn::new(
+        Config::from_layers(Some(("plain_dqn.json", include_str!("../../tests/data/plain_dqn.json"))), &sets)
+            .unwrap()
+            .agent
+            .as_dqn()
+            .unwrap()
+            .clone(),
+        4,
+        2,
+        None,
+        0,
+    );
     let mut rng = Rng::from_seed(1);
     let mut observation = [0.0; 4];
     for step in 0..5 * CAPACITY {

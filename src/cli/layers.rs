@@ -9,8 +9,7 @@ use super::ui::Failure;
 use crate::config::{self, Config};
 use crate::text::shown;
 
-/// The default config, `configs/cartpole.json`.
-pub(super) const DEFAULT_CONFIG: &str = include_str!("../../configs/cartpole.json");
+/// What a run of the default config is called.
 pub(super) const DEFAULT_NAME: &str = "cartpole";
 
 /// What a config is made of.
@@ -53,11 +52,8 @@ impl Layers {
     /// Defaults < file < `--set` < `--seed`.
     pub(super) fn resolve(&self) -> Result<Config, Failure> {
         let file = self.config.as_deref().map(read_config).transpose()?;
-        let layer = match &file {
-            Some((name, text)) => (name.as_str(), text.as_str()),
-            None => ("the built-in config", DEFAULT_CONFIG),
-        };
-        Ok(Config::from_layers(Some(layer), &self.sets())?)
+        let layer = file.as_ref().map(|(name, text)| (name.as_str(), text.as_str()));
+        Ok(Config::from_layers(layer, &self.sets())?)
     }
 
     /// `--set` < `--seed`, `--stop-when-solved`.

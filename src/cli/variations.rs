@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::Value;
 
-use super::layers::{DEFAULT_CONFIG, DEFAULT_NAME, config_name, read_config};
+use super::layers::{DEFAULT_NAME, config_name, read_config};
 use super::permission::Programs;
 use super::ui::Failure;
 use crate::config::{Config, ConfigError};
@@ -67,7 +67,7 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
         sources.push((config_name(path), visible(&origin), text));
     }
     if sources.is_empty() {
-        sources.push((DEFAULT_NAME.into(), "the built-in config".into(), DEFAULT_CONFIG.into()));
+        sources.push((DEFAULT_NAME.into(), "the default config".into(), "{}".into()));
     }
     if arguments.set.iter().any(|set| set.starts_with("seed=")) {
         return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));

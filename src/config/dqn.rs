@@ -1,13 +1,49 @@
-//! What is particular to the config of a DQN.
+//! What is particular to the config of a DQN: its default, and the rules that concern several keys.
 
 use serde_json::json;
 
 use super::keys::SCALE;
 use super::layer::invalid;
 use super::{AgentMemory, AgentRules, Config, ConfigError, MAX_MEMORY};
-use crate::agent::{DqnConfig, PolicyWeights, ReplayConfig, TargetUpdate};
+use crate::agent::{
+    DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
+};
 use crate::env::Spec;
+use crate::nn::{Init, Loss, NetworkConfig, OptimizerConfig};
 use crate::trainer::Budget;
+
+/// The agent of `configs/cartpole.json`.
+pub(super) fn default() -> DqnConfig {
+    DqnConfig {
+        network: NetworkConfig { hidden: vec![64, 64], init: Init::Torch },
+        optimizer: OptimizerConfig {
+            learning_rate: 3e-3,
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon: 1e-8,
+            max_gradient_norm: None,
+            schedule: None,
+        },
+        loss: Loss::Mse,
+        gamma: 0.999,
+        n_step: 6,
+        double: true,
+        replay: ReplayConfig {
+            capacity: 20_000,
+            batch_size: 32,
+            warmup_steps: 500,
+            update: UpdateMode::Minibatch,
+            mirror: true,
+        },
+        learn: LearnConfig { every_steps: 1, updates: 1 },
+        exploration: Exploration::Linear { initial: 1.0, final_: 0.2, steps: 1500, repeat: 1 },
+        target: TargetUpdate::Soft { tau: 0.02 },
+        truncation_is_terminal: false,
+        observation_divisors: Some(vec![2.4, 2.0, 0.2095, 2.0]),
+        reward_scale: 0.01,
+        policy_weights: PolicyWeights::Target,
+    }
+}
 
 impl AgentRules for DqnConfig {
     fn check(&self, config: &Config, origin: &str) -> Result<(), ConfigError> {

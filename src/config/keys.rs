@@ -111,16 +111,16 @@ pub(super) fn alternatives() -> [(&'static str, Vec<Map<String, Value>>); 4] {
     let default = Config::default();
     let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995, repeat: 1 };
     let every_episodes = TargetUpdate::EveryEpisodes(10);
-    let soft = TargetUpdate::Soft { tau: 0.005 };
+    let soft = TargetUpdate::Soft { tau: 0.02 };
     let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
     [
         ("exploration", vec![object(default.agent.exploration()), object(per_episode)]),
         (
             "target",
             vec![
+                object(soft),
                 object(TargetUpdate::EverySteps(500)),
                 object(every_episodes),
-                object(soft),
                 object(TargetUpdate::None),
             ],
         ),

@@ -25,14 +25,10 @@ use serde_json::{Value, json};
 use keys::{alternatives, pointer};
 use layer::{Layer, choose, invalid};
 
-use crate::agent::{
-    Agent, AgentConfig, DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate,
-    UpdateMode,
-};
+use crate::agent::{Agent, AgentConfig, Exploration};
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
 use crate::memory::check_memory;
-use crate::nn::{Init, Loss, NetworkConfig, OptimizerConfig};
 use crate::text::excerpt;
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig, Trainer, TrainerConfig};
 
@@ -83,7 +79,7 @@ struct AgentMemory {
     batch: u64,
 }
 
-/// Everything that decides a run. The fields are the keys of the JSON file; the default is plain DQN.
+/// Everything that decides a run. The fields are the keys of the JSON file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Config {
     /// Seed of every random stream of the run.
@@ -107,46 +103,19 @@ pub struct Config {
     pub stop_when_lasting_steps: Option<u32>,
 }
 
+/// `configs/cartpole.json`.
 impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 0,
             environment: EnvironmentConfig::Named(EnvironmentId::CartPoleV1),
-            max_episode_steps: None,
-            agent: AgentConfig::Dqn(DqnConfig {
-                network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
-                optimizer: OptimizerConfig {
-                    learning_rate: 1e-3,
-                    beta1: 0.9,
-                    beta2: 0.999,
-                    epsilon: 1e-8,
-                    max_gradient_norm: None,
-                    schedule: None,
-                },
-                loss: Loss::Mse,
-                gamma: 0.99,
-                n_step: 1,
-                double: false,
-                replay: ReplayConfig {
-                    capacity: 50_000,
-                    batch_size: 32,
-                    warmup_steps: 1000,
-                    update: UpdateMode::Minibatch,
-                    mirror: false,
-                },
-                learn: LearnConfig { every_steps: 1, updates: 1 },
-                exploration: Exploration::Linear { initial: 1.0, final_: 0.05, steps: 10_000, repeat: 1 },
-                target: TargetUpdate::EverySteps(500),
-                truncation_is_terminal: false,
-                observation_divisors: None,
-                reward_scale: 1.0,
-                policy_weights: PolicyWeights::Online,
-            }),
-            budget: Budget::Steps(50_000),
-            evaluation: EvaluationConfig { every_steps: 1000, episodes: 20 },
+            max_episode_steps: Some(10_000),
+            agent: AgentConfig::Dqn(dqn::default()),
+            budget: Budget::Steps(20_000),
+            evaluation: EvaluationConfig { every_steps: 500, episodes: 20 },
             checkpoint: CheckpointConfig { every_steps: 10_000 },
             stop_when_solved: false,
-            stop_when_lasting_steps: None,
+            stop_when_lasting_steps: Some(7500),
         }
     }
 }
@@ -176,13 +145,26 @@ pub enum ConfigError {
 }
 
 impl Config {
-    /// The defaults with the agent of this name.
+    /// The default with another agent.
     fn with_agent(name: &str) -> Self {
-        let default = Self::default();
-        match name {
-            Q_TABLE => Self { agent: table::default(default.agent.exploration()), ..default },
-            _ => default,
+        Self::default_of(name, &json!(Self::default().environment))
+    }
+
+    /// The default with another agent and another task. What the task or the agent cannot have is left out: divisors for
+    /// other coordinates, a mirror image that the task lacks, the test of a policy that lasts where an episode is meant to end.
+    fn default_of(agent: &str, environment: &Value) -> Self {
+        let (mut config, mut dqn) = (Self::default(), dqn::default());
+        if *environment != json!(config.environment) {
+            let named = serde_json::from_value::<EnvironmentId>(environment.clone());
+            dqn.replay.mirror = named.is_ok_and(|id| id.spec().mirror.is_some());
+            dqn.observation_divisors = None;
+            config.stop_when_lasting_steps = None;
         }
+        config.agent = match agent {
+            Q_TABLE => table::default(&dqn),
+            _ => AgentConfig::Dqn(dqn),
+        };
+        config
     }
 
     /// Merges the defaults, a file (its name for messages, and its text) and the `key.path=value`s of `--set`, which
@@ -216,7 +198,8 @@ impl Config {
             values: below.values.into_iter().chain(above.values).collect(),
         }));
         let agent = layers.iter().rev().find_map(|layer| layer.values.get("agent"));
-        let mut root = json!(Self::with_agent(agent.and_then(Value::as_str).unwrap_or(DQN)));
+        let environment = environment::merged(&Self::default().environment, &layers)?;
+        let mut root = json!(Self::default_of(agent.and_then(Value::as_str).unwrap_or(DQN), &environment));
         layers.iter().try_for_each(|layer| layer.check_agent(&root))?;
         for (key, value) in layers.iter().flat_map(|layer| &layer.values) {
             // Only a key of an alternative can be missing in the default; those are merged below.
@@ -229,7 +212,7 @@ impl Config {
                 *slot = choose(group, &alternatives, &layers)?;
             }
         }
-        root[keys::ENVIRONMENT] = environment::merged(&Self::default().environment, &layers)?;
+        root[keys::ENVIRONMENT] = environment;
         let origin = layers.iter().map(|layer| layer.origin.as_str()).collect::<Vec<_>>().join(" with ");
         let config: Self = serde_json::from_value(root)
             .map_err(|source| ConfigError::Json { origin: origin.clone(), source })?;

@@ -174,7 +174,8 @@ impl Config {
     /// The defaults of the keys that this config has, those of its alternatives included.
     fn defaults(&self) -> Value {
         let config = json!(self);
-        let mut defaults = json!(Config::with_agent(config["agent"].as_str().unwrap_or(DQN)));
+        let agent = config["agent"].as_str().unwrap_or(DQN);
+        let mut defaults = json!(Config::default_of(agent, &config[KEY]));
         if config[KEY].is_object() {
             defaults[KEY] = program_defaults().into();
         }

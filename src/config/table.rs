@@ -4,15 +4,16 @@ use serde_json::json;
 
 use super::layer::invalid;
 use super::{AgentMemory, AgentRules, ConfigError};
-use crate::agent::{AgentConfig, Bins, Exploration, QTableConfig, TableConfig};
+use crate::agent::{AgentConfig, Bins, DqnConfig, QTableConfig, TableConfig};
 use crate::env::Spec;
 use crate::nn::LearningRate;
 
 /// Most memory of a table, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// A few cells for the cart and the pole: where the cart is does not count.
-pub(super) fn default(exploration: Exploration) -> AgentConfig {
+/// A few cells for the cart and the pole: where the cart is does not count. The rest is as in the default of a DQN, apart
+/// from the learning rate: Adam's would move a table's values hardly at all.
+pub(super) fn default(dqn: &DqnConfig) -> AgentConfig {
     AgentConfig::QTable(QTableConfig {
         table: TableConfig {
             bins: vec![Bins::Equal(1), Bins::Equal(1), Bins::Equal(6), Bins::Equal(3)],
@@ -22,8 +23,8 @@ pub(super) fn default(exploration: Exploration) -> AgentConfig {
             mirror: false,
         },
         optimizer: LearningRate { learning_rate: 0.1, schedule: None },
-        gamma: 0.99,
-        exploration,
+        gamma: dqn.gamma,
+        exploration: dqn.exploration,
     })
 }
 

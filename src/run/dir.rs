@@ -200,7 +200,10 @@ impl RunDir {
         let path = self.config();
         let text = read_text_limited(&path, MAX_BYTES)
             .map_err(|error| bad(&self.path, format!("does not hold a run: {CONFIG}: {error}")))?;
-        Ok(Config::from_layers(Some((&shown(&path), &text)), &[])?)
+        // A run that is older than this key never looked for a policy that lasts.
+        let key = "stop_when_lasting_steps";
+        let never = (!text.contains(key)).then(|| format!("{key}=null"));
+        Ok(Config::from_layers(Some((&shown(&path), &text)), never.as_slice())?)
     }
 
     fn fill(

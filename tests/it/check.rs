@@ -3,7 +3,6 @@
 use cartpole_dqn::check::{
     Batch, CATALOGUE, Moments, Reference, Results, Settings, Stage, State, Update, Variant, Verdict, check,
 };
-use cartpole_dqn::config::Config;
 use cartpole_dqn::explain::lesson;
 use cartpole_dqn::nn::{Loss, Mlp};
 use cartpole_dqn::rng::Rng;
@@ -351,7 +350,7 @@ fn every_update_that_explain_writes_is_equal() {
 fn the_update_that_explain_shows_is_the_one_of_the_training() {
     let set = |settings: &[&str]| {
         let sets: Vec<String> = [TINY, settings].concat().iter().map(ToString::to_string).collect();
-        Config::from_layers(None, &sets).unwrap()
+        super::plain(&sets)
     };
     for (settings, updates) in [(&["learn.updates=3"][..], 60), (&["replay.update=per_sample"], 160)] {
         let config = set(settings);
@@ -461,7 +460,7 @@ fn what_is_wrong_with_a_file_is_named_with_what_is_expected() {
     sandbox.run(&["check", "nowhere.safetensors"]).code(2).stderr(predicate::str::contains("cannot be read"));
 
     let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
-    let lesson = lesson(&Config::from_layers(None, &set).unwrap(), 90).unwrap();
+    let lesson = lesson(&super::plain(&set), 90).unwrap();
     for (name, shape, values, expected) in [
         ("result.loss", &[1][..], &[f32::NAN][..], &["`result.loss` holds NaN", "a finite number"][..]),
         ("batch.rewards", &[8], &[f32::INFINITY; 8], &["`batch.rewards` holds inf", "a finite number"]),

@@ -26,6 +26,10 @@ fn refused(file: &str, sets: &[&str], fragments: &[&str]) {
     }
 }
 
+fn shipped(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("configs").join(name).with_extension("json")
+}
+
 fn shipped_configs() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let paths = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
@@ -50,51 +54,52 @@ fn a_recorded_config_with_a_key_that_is_gone_is_read_if_the_key_changed_nothing(
 }
 
 #[test]
-fn the_default_is_the_documented_plain_dqn() {
-    let documented = json!({
-        "seed": 0,
-        "environment": "CartPole-v1",
-        "max_episode_steps": null,
-        "agent": "dqn",
-        "network": {"hidden": [24, 24], "init": "torch"},
-        "optimizer": {
-            "learning_rate": 1e-3, "beta1": 0.9, "beta2": 0.999, "epsilon": 1e-8,
-            "max_gradient_norm": null, "schedule": null,
-        },
-        "loss": "mse",
-        "gamma": 0.99,
-        "n_step": 1,
-        "double": false,
-        "replay": {"capacity": 50_000, "batch_size": 32, "warmup_steps": 1000, "update": "minibatch", "mirror": false},
-        "learn": {"every_steps": 1, "updates": 1},
-        "exploration": {"schedule": "linear", "initial": 1.0, "final": 0.05, "steps": 10_000, "repeat": 1},
-        "target": {"kind": "hard", "every_steps": 500},
-        "truncation_is_terminal": false,
-        "observation_divisors": null,
-        "reward_scale": 1.0,
-        "policy_weights": "online",
-        "budget": {"steps": 50_000},
-        "evaluation": {"every_steps": 1000, "episodes": 20},
-        "checkpoint": {"every_steps": 10_000},
-        "stop_when_solved": false,
-        "stop_when_lasting_steps": null,
-    });
-    assert_eq!(serde_json::to_value(Config::default()).unwrap(), documented);
+fn the_default_is_the_file_cartpole_json() {
+    let file = fs::read_to_string(shipped("cartpole")).unwrap();
+    assert_eq!(merged(&file, &[]), Config::default());
     assert_eq!(Config::from_layers(None, &[]).unwrap(), Config::default());
-    assert_eq!(merged("{}", &[]), Config::default());
     assert_eq!(
         merged(r#"{"budget": {}, "target": {}, "exploration": {}, "network": {}}"#, &[]),
         Config::default()
     );
 }
 
+/// Every other agent and task starts from the same default, without what it cannot have.
+#[test]
+fn another_task_or_agent_has_the_default_for_every_key_that_it_has() {
+    let default = json!(Config::default());
+    let differing = |sets: &[&str]| {
+        let config = json!(merged("{}", sets));
+        let mut keys: Vec<String> = Vec::new();
+        for (key, value) in config.as_object().unwrap() {
+            if default.get(key).is_none_or(|default| default != value) {
+                keys.push(key.clone());
+            }
+        }
+        keys
+    };
+    let acrobot = ["environment", "observation_divisors", "stop_when_lasting_steps"];
+    assert_eq!(differing(&["environment=Acrobot-v1"]), acrobot);
+    let mountain_car = ["environment", "replay", "observation_divisors", "stop_when_lasting_steps"];
+    assert_eq!(differing(&["environment=MountainCar-v0"]), mountain_car);
+    assert_eq!(differing(&[r#"environment={"command":["./task"]}"#]), mountain_car);
+    assert_eq!(differing(&["agent=q_table"]), ["agent", "table", "optimizer"]);
+}
+
 #[test]
 fn a_config_survives_its_file() {
     let far_from_default = [
-        &["seed=18446744073709551615", "budget.episodes=7", "target.every_episodes=3", "loss=huber"][..],
+        &[
+            "seed=18446744073709551615",
+            "budget.episodes=7",
+            "policy_weights=online",
+            "target.kind=hard",
+            "target.every_episodes=3",
+        ][..],
         &[
             "exploration.schedule=per_episode",
             "target.kind=none",
+            "policy_weights=online",
             "network.hidden=[]",
             "gamma=0.1234567890123456789",
         ],
@@ -158,7 +163,7 @@ fn a_later_layer_wins() {
     let config = merged(file, &["gamma=0.8", "gamma=0.7", "network.hidden=[8,4]", "environment=CartPole-v1"]);
     assert_eq!(config.agent.as_dqn().unwrap().gamma, 0.7);
     assert_eq!(config.agent.as_dqn().unwrap().replay.batch_size, 16);
-    assert_eq!(config.agent.as_dqn().unwrap().replay.capacity, 50_000);
+    assert_eq!(config.agent.as_dqn().unwrap().replay.capacity, 20_000);
     assert_eq!(config.agent.as_dqn().unwrap().network.hidden, [8, 4]);
     assert_eq!(merged(file, &[r#"replay={"batch_size":8}"#]).agent.as_dqn().unwrap().replay.batch_size, 8);
     assert_eq!(merged("\u{feff}{\"seed\": 3}", &[]).seed, 3);
@@ -177,7 +182,7 @@ fn a_whole_number_may_be_written_as_a_float() {
 
 #[test]
 fn one_alternative_replaces_the_other() {
-    let per_episodes = r#"{"budget": {"episodes": 5}, "target": {"kind": "hard", "every_episodes": 10}}"#;
+    let per_episodes = r#"{"budget": {"episodes": 5}, "target": {"kind": "hard", "every_episodes": 10}, "policy_weights": "online"}"#;
     assert_eq!(merged(per_episodes, &[]).budget, Budget::Episodes(5));
     assert_eq!(merged(per_episodes, &["budget.steps=2000"]).budget, Budget::Steps(2000));
     assert_eq!(
@@ -190,7 +195,7 @@ fn one_alternative_replaces_the_other() {
     assert_eq!(target(per_episodes, &["target.kind=hard"]), TargetUpdate::EveryEpisodes(10));
     assert_eq!(target(per_episodes, &["target.every_steps=500"]), TargetUpdate::EverySteps(500));
     assert_eq!(target(per_episodes, &["target.kind=none"]), TargetUpdate::None);
-    let none = r#"{"target": {"kind": "none"}}"#;
+    let none = r#"{"target": {"kind": "none"}, "policy_weights": "online"}"#;
     assert_eq!(target(none, &["target.kind=hard"]), TargetUpdate::EverySteps(500));
     assert_eq!(
         target(none, &["target.every_episodes=2", "target.kind=hard"]),
@@ -217,7 +222,7 @@ fn a_changed_schedule_keeps_what_the_two_share() {
     let per_episode = r#"{"exploration": {"schedule": "per_episode", "final": 0.3, "decay": 0.5}}"#;
     assert_eq!(
         exploration(per_episode, &["exploration.schedule=linear"]),
-        Exploration::Linear { initial: 1.0, final_: 0.3, steps: 10_000, repeat: 1 }
+        Exploration::Linear { initial: 1.0, final_: 0.3, steps: 1500, repeat: 1 }
     );
 }
 
@@ -265,12 +270,16 @@ fn a_key_of_another_alternative_is_refused() {
         ],
     );
     refused("{}", &["exploration.decay=0.5"], &["--set", "`exploration.decay`", "linear"]);
-    refused("{}", &["target.tau=0.5"], &["--set", "`target.tau`", r#"{"kind": "soft", "tau"}"#]);
+    refused(
+        "{}",
+        &["target.kind=hard", "target.tau=0.5"],
+        &["--set", "`target.tau`", r#"{"kind": "hard", "every_steps"}"#],
+    );
     refused(r#"{"target": {"kind": "none", "every_steps": 5}}"#, &[], &["`target.every_steps`", "none"]);
     refused(r#"{"target": {"kind": "none"}}"#, &["target.every_steps=5"], &["--set", "`target.every_steps`"]);
     refused(
         "{}",
-        &["target.every_steps=5", "target.every_episodes=5"],
+        &["target.kind=hard", "target.every_steps=5", "target.every_episodes=5"],
         &["`target.every_episodes`", "every_steps"],
     );
 }
@@ -409,7 +418,7 @@ fn values_that_do_not_go_together_are_refused() {
     let table: [(&str, &[&str], &[&str]); 9] = [
         (
             "{}",
-            &["policy_weights=target"],
+            &["target.kind=hard"],
             &["`policy_weights` is \"target\"", "only if `target.kind` is \"soft\""],
         ),
         (
@@ -425,12 +434,12 @@ fn values_that_do_not_go_together_are_refused() {
         (
             "{}",
             &["exploration.initial=0.01"],
-            &["`exploration.final` is 0.05", "at most `exploration.initial`"],
+            &["`exploration.final` is 0.2", "at most `exploration.initial`"],
         ),
         (
             "{}",
-            &["budget.steps=1000"],
-            &["`budget.steps` is 1000", "at least 1001", "`replay.warmup_steps` is 1000"],
+            &["budget.steps=500"],
+            &["`budget.steps` is 500", "at least 501", "`replay.warmup_steps` is 500"],
         ),
         (
             "{}",
@@ -442,13 +451,13 @@ fn values_that_do_not_go_together_are_refused() {
             &["budget.steps=2000", "learn.every_steps=2001"],
             &["at least 2001", "`learn.every_steps` 2001"],
         ),
-        ("{}", &["replay.warmup_steps=18446744073709551615"], &["`budget.steps` is 50000"]),
+        ("{}", &["replay.warmup_steps=18446744073709551615"], &["`budget.steps` is 20000"]),
         (r#"{"gamma": 0.5}"#, &["budget.steps=5"], &["run.json with --set: "]),
     ];
     for (file, sets, fragments) in table {
         refused(file, sets, fragments);
     }
-    merged("{}", &["budget.steps=1001"]);
+    merged("{}", &["budget.steps=501"]);
     merged("{}", &["budget.steps=32", "replay.warmup_steps=0", "replay.capacity=32"]);
     merged("{}", &["budget.episodes=1", "replay.warmup_steps=1000000"]);
 }
@@ -490,7 +499,7 @@ fn a_file_that_cannot_be_read_is_named_with_the_reason() {
 #[test]
 fn the_sets_of_a_layer_have_no_order() {
     let sets = ["target.kind=hard", "target.every_episodes=4", "budget.episodes=3", "exploration.decay=0.9"];
-    let file = r#"{"exploration": {"schedule": "per_episode"}, "target": {"kind": "none"}}"#;
+    let file = r#"{"exploration": {"schedule": "per_episode"}, "target": {"kind": "none"}, "policy_weights": "online"}"#;
     let forward = merged(file, &sets);
     let backward: Vec<&str> = sets.into_iter().rev().collect();
     assert_eq!(merged(file, &backward), forward);

@@ -183,7 +183,7 @@ fn a_mutated_checkpoint_is_a_run_or_refused() {
 #[test]
 fn a_mutated_update_is_judged_or_refused() {
     let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
-    let lesson = lesson(&Config::from_layers(None, &set).unwrap(), 60).unwrap();
+    let lesson = lesson(&super::plain(&set), 60).unwrap();
     let valid = lesson.tensors().to_bytes(&lesson.settings()).unwrap();
     assert!(check(&Update::from_bytes(&valid).unwrap()).equal);
     proptest!(cases(300), |(mutations in vec(mutation(), 1..4))| {

@@ -53,6 +53,12 @@ mod training;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Plain DQN with changes: one step, a hard target, none of the default's additions.
+fn plain(sets: &[String]) -> cartpole_dqn::config::Config {
+    let file = ("plain_dqn.json", include_str!("../data/plain_dqn.json"));
+    cartpole_dqn::config::Config::from_layers(Some(file), sets).unwrap()
+}
+
 /// A recording: from `CARTPOLE_DQN_GOLDEN` where it is set, else from tests/data.
 fn golden(name: &str) -> serde_json::Value {
     recording(&std::env::var_os("CARTPOLE_DQN_GOLDEN").map_or_else(own_recordings, PathBuf::from), name)

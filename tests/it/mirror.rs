@@ -1,7 +1,6 @@
 //! CartPole and Acrobot are their own mirror images, and `replay.mirror` makes use of it.
 
 use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition};
-use cartpole_dqn::config::Config;
 use cartpole_dqn::env::{Acrobot, CartPole, Environment};
 use cartpole_dqn::mirror::Mirror;
 use cartpole_dqn::rng::Rng;
@@ -109,13 +108,7 @@ fn experienced(sets: &[&str], reflected: bool) -> Dqn {
     let mirror = CartPole::default().spec().mirror.clone();
     let small = ["network.hidden=[6]", "replay.batch_size=1", "replay.warmup_steps=8", "n_step=3"];
     let sets: Vec<String> = small.iter().chain(sets).map(ToString::to_string).collect();
-    let mut agent = Dqn::new(
-        Config::from_layers(None, &sets).unwrap().agent.as_dqn().unwrap().clone(),
-        4,
-        2,
-        mirror.as_ref(),
-        3,
-    );
+    let mut agent = Dqn::new(super::plain(&sets).agent.as_dqn().unwrap().clone(), 4, 2, mirror.as_ref(), 3);
     let sign = if reflected { -1.0 } else { 1.0 };
     random_steps(60, |observation, action, next_observation, outcome| {
         agent.observe(Transition {

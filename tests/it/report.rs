@@ -795,7 +795,7 @@ fn a_study_of_negative_returns_ranks_and_draws_them() {
     let config = |extra: &str| {
         let sets: Vec<String> = small.iter().chain([&extra]).map(ToString::to_string).collect();
         let task = TwoStates::make()(1).unwrap().spec().clone();
-        let mut config = json!(Config::from_layers(None, &sets).unwrap());
+        let mut config = json!(super::plain(&sets));
         config["environment"] =
             json!({"command": ["two_states"], "processes": 1, "timeout_seconds": 60, "task": task});
         let config: Config = serde_json::from_value(config).unwrap();

@@ -14,12 +14,13 @@ use cartpole_dqn::trainer::{
     Observer, Score, Snapshot, TrainError, Trainer, evaluate, lasts, play,
 };
 
+use super::plain;
 use super::tasks::{TwoStates, bytes_of, cartpole, dqn, dqn_config, random_steps, resumed};
 
 /// A run that nobody stops.
 static NEVER: AtomicBool = AtomicBool::new(false);
 
-/// The default config with changes; one of a whole group replaces the changes before it in that group.
+/// Plain DQN with changes; one of a whole group replaces the changes before it in that group.
 fn config(sets: &[&str]) -> Config {
     let mut kept: Vec<&str> = Vec::new();
     for set in sets {
@@ -29,7 +30,7 @@ fn config(sets: &[&str]) -> Config {
         kept.push(set);
     }
     let sets: Vec<String> = kept.iter().map(ToString::to_string).collect();
-    Config::from_layers(None, &sets).unwrap()
+    plain(&sets)
 }
 
 const SMALL: [&str; 6] = [
