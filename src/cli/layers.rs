@@ -15,7 +15,7 @@ pub(super) const DEFAULT_NAME: &str = "cartpole";
 /// What a config is made of.
 #[derive(Debug, Args)]
 pub(super) struct Layers {
-    /// JSON file with the settings of the run, `-` for standard input [default: the built-in configs/cartpole.json]
+    /// JSON file with the settings of the run, `-` for standard input [default: configs/cartpole.json]
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Seed of the run's random numbers, 0 to 2⁶⁴−1; takes precedence over --config and --set

@@ -19,7 +19,7 @@ const MAX_CONFIGS: usize = 10_000;
 /// What the configs of a study are made of.
 #[derive(Debug, Args)]
 pub(super) struct Variations {
-    /// JSON file with settings, `-` for standard input, may be repeated [default: the built-in configs/cartpole.json]
+    /// JSON file with settings, `-` for standard input, may be repeated [default: configs/cartpole.json]
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// Values of a config key to compare: KEY=V1,V2, or KEY=[V1, V2] as JSON if values hold commas; may be repeated

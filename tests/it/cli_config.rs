@@ -96,7 +96,7 @@ fn a_shown_config_can_be_set_again() {
     let text = stdout(&[&["config", "show"], &options[..]].concat());
     let shown: Vec<&str> = text.lines().filter(|line| !line.starts_with(' ')).collect();
     assert!(shown.contains(&"exploration.decay=0.995") && shown.contains(&"optimizer.schedule.steps=9"));
-    assert!(text.contains("replay.capacity=2000\n    transitions that the memory holds before it overwrites the oldest\n    default: 50000; allowed: an integer from 1 to 100000000\n"), "{text}");
+    assert!(text.contains("replay.capacity=2000\n    transitions that the memory holds before it overwrites the oldest\n    default: 20000; allowed: an integer from 1 to 100000000\n"), "{text}");
     let sandbox = Sandbox::new();
     let config = stdout_json(&sandbox.run(&[&["config", "show", "--json"], &options[..]].concat()).success());
     assert_eq!(config["seed"], 7);

@@ -154,7 +154,11 @@ fn training_episodes_have_the_limit_of_the_environment_unless_the_config_has_its
         let events = lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
         events.filter_map(|event| event["length"].as_u64()).collect()
     };
-    train(&sandbox, MOUNTAIN_CAR, &["--out", "own", "--set", "budget.steps=600"]);
+    train(
+        &sandbox,
+        MOUNTAIN_CAR,
+        &["--out", "own", "--set", "budget.steps=600", "--set", "max_episode_steps=null"],
+    );
     assert!(!lengths("own").is_empty() && lengths("own").iter().all(|&length| length <= 200));
     let sets = ["--set", "budget.steps=600", "--set", "max_episode_steps=30"];
     train(&sandbox, MOUNTAIN_CAR, &[&["--out", "short"], &sets[..]].concat());

@@ -3,9 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use cartpole_dqn::config::Config;
+use cartpole_dqn::env::catalogue::EnvironmentId;
 use cartpole_dqn::run::FORMAT_VERSION;
+use cartpole_dqn::trainer::{Event, SCORE_SEED, Score, evaluate};
 use serde_json::Value;
 
 fn root() -> &'static Path {
@@ -190,4 +193,19 @@ fn the_page_about_checkpoints_names_their_version_and_everything_in_them() {
     for name in tensors.chain(names(&metadata)).chain(names(&metadata["progress"])) {
         assert!(page.contains(&format!("`{name}`")), "docs/checkpoint.md does not name `{name}`");
     }
+}
+
+#[test]
+fn the_library_example_of_the_readme_prints_what_the_readme_says() {
+    let readme = include_str!("../../README.md");
+    let sets = ["seed=3".to_owned(), "budget.steps=2000".to_owned()];
+    assert!(readme.contains(r#"Config::from_layers(None, &["seed=3".into(), "budget.steps=2000".into()])"#));
+    let mut trainer = Config::from_layers(None, &sets).unwrap().make_trainer().unwrap();
+    let mut events: Vec<Event> = Vec::new();
+    trainer.run(&mut events, &AtomicBool::new(false)).unwrap();
+    let make = |max_steps| EnvironmentId::CartPoleV1.make(max_steps);
+    let played = evaluate(&trainer.agent().policy(), &make, 500, SCORE_SEED, 100, 1.0).unwrap();
+    let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
+    let printed = format!("`{} events, mean return {:.1}`", events.len(), Score::new(&returns).mean);
+    assert!(readme.contains(&printed), "{printed}");
 }

@@ -101,7 +101,8 @@ fn a_link_that_appears_in_a_run_while_it_trains_ends_it_and_is_not_followed() {
         for name in ["last", "best", "previous"] {
             sandbox.write(&format!("victim/{name}.safetensors"), "mine");
         }
-        let more = sets(&["budget.steps=1000000000", "checkpoint.every_steps=1000"]);
+        let more =
+            sets(&["budget.steps=1000000000", "checkpoint.every_steps=1000", "stop_when_lasting_steps=null"]);
         let child =
             start(&sandbox, &[&["train", "--quiet", "--out", "run"], &sets(TINY)[..], &more].concat());
         wait_for(&sandbox.path("run/checkpoints/previous.safetensors"));

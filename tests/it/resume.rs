@@ -61,7 +61,7 @@ fn a_run_with_a_larger_budget_is_the_run_that_had_it_from_the_start() {
     // On a checkpoint's step and an evaluation's, on one of them, between them in the middle of an episode.
     for (options, steps) in OPTIONS.into_iter().zip([100, 150, 137, 199, 151, 173]) {
         let sandbox = Sandbox::new();
-        sandbox.write("my.json", "{}");
+        sandbox.write("my.json", include_str!("../data/plain_dqn.json"));
         let train = |arguments: &[&str]| {
             let plain = ["train", "--quiet", "--config", "my.json"];
             sandbox.run(&[&plain[..], &settings(options), arguments].concat()).success();

@@ -36,7 +36,10 @@ fn weights_of_a_short_run(path: &Path) -> String {
     let file: Value = serde_json::from_str(&text).unwrap();
     let mut sets = vec!["budget.steps=1500".to_owned()];
     if file["environment"]["command"].is_array() {
-        sets.push("environment=CartPole-v1".into());
+        // CartPole's own divisors and end are not those of the task.
+        let sets_of_task =
+            ["environment=CartPole-v1", "observation_divisors=null", "stop_when_lasting_steps=null"];
+        sets.extend(sets_of_task.map(String::from));
     }
     let config = Config::from_layers(Some((&path.display().to_string(), &text)), &sets).unwrap();
     let mut trainer = config.make_trainer().unwrap();
