@@ -1,15 +1,16 @@
 //! One update of a training run, with everything that went into it and came of it.
 
 use crate::agent::{Dqn, DqnConfig, Minibatch, NotFinite, TargetUpdate};
-use crate::check::{Settings, Writer};
+use crate::check::Settings;
 use crate::config::Config;
 use crate::env::EnvironmentError;
 use crate::nn::Mlp;
+use crate::tensors::Tensors;
 use crate::trainer::{Event, TrainError};
 
 /// An update.
 #[derive(Clone, Debug)]
-pub struct Lesson {
+pub struct ExplainedUpdate {
     /// The run's seed.
     pub seed: u64,
     /// The agent's settings.
@@ -34,7 +35,7 @@ pub struct Lesson {
 
 /// Why there is no such update.
 #[derive(Debug, thiserror::Error)]
-pub enum NoLesson {
+pub enum ExplainError {
     /// The run ends before.
     #[error(
         "the run ends after update {0}; give --update a number from 1 to that, or let the run be longer: a larger \
@@ -61,34 +62,34 @@ pub enum NoLesson {
 ///
 /// # Errors
 /// When the run ends or fails before.
-pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
+pub fn explain(config: &Config, number: u64) -> Result<ExplainedUpdate, ExplainError> {
     let mut unevaluated = config.clone();
     if !config.stop_when_solved && config.stop_when_lasting_steps.is_none() {
         // Evaluations change nothing in a run.
         unevaluated.evaluation.every_steps = u64::MAX;
     }
-    let dqn = config.agent.as_dqn().ok_or(NoLesson::NoDqn)?;
+    let dqn = config.agent.as_dqn().ok_or(ExplainError::NoDqn)?;
     let samples = dqn.replay.batch_size;
     let update_size = dqn.replay.update_size();
     let updates_of_a_step = u64::from(dqn.learn.updates).saturating_mul((samples / update_size) as u64);
     let mut trainer = unevaluated.make_trainer()?;
     while trainer.end_reason().is_none() {
-        let before = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?;
+        let before = trainer.agent().as_dqn().ok_or(ExplainError::NoDqn)?;
         let is_near = before.adam.steps.saturating_add(updates_of_a_step) >= number;
-        let state = is_near.then(|| {
-            (before.online.clone(), before.target.clone(), before.adam.clone(), before.replay_rng.clone())
-        });
-        let progress = (trainer.progress().env_steps + 1, trainer.progress().episodes);
+        let learned =
+            |dqn: &Dqn| (dqn.online.clone(), dqn.target.clone(), dqn.adam.clone(), dqn.replay_rng.clone());
+        let state = is_near.then(|| learned(before));
+        let (env_steps, episodes) = (trainer.progress().env_steps + 1, trainer.progress().episodes);
         let steps = before.adam.steps;
         let result = trainer.step(&mut Vec::<Event>::new());
-        let after = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?;
+        let after = trainer.agent().as_dqn().ok_or(ExplainError::NoDqn)?;
         let has_learned = after.adam.steps > steps;
         let Some((online, target, adam, replay_rng)) = state.filter(|_| has_learned) else {
             result?;
             continue;
         };
         // The replay memory is still that which this learning step has drawn from.
-        let mut agent = trainer.agent().as_dqn().ok_or(NoLesson::NoDqn)?.clone();
+        let mut agent = trainer.agent().as_dqn().ok_or(ExplainError::NoDqn)?.clone();
         (agent.online, agent.target, agent.adam, agent.replay_rng) = (online, target, adam, replay_rng);
         let mut ages = vec![0; samples];
         loop {
@@ -96,38 +97,27 @@ pub fn lesson(config: &Config, number: u64) -> Result<Lesson, NoLesson> {
             for ages in ages.chunks_exact(update_size) {
                 let before = (agent.adam.steps + 1 == number).then(|| agent.clone());
                 let loss = agent.update(ages)?;
-                if let Some(before) = before {
-                    return Ok(Lesson::new((config, dqn), progress, before, agent, loss));
-                }
+                let Some(before) = before else { continue };
+                let (minibatch, targets, gradient) = agent.latest_update();
+                return Ok(ExplainedUpdate {
+                    seed: config.seed,
+                    config: dqn.clone(),
+                    env_steps,
+                    episodes,
+                    minibatch: minibatch.clone(),
+                    targets: targets.to_vec(),
+                    gradient: gradient.clone(),
+                    loss,
+                    before,
+                    after: agent,
+                });
             }
         }
     }
-    Err(NoLesson::TooFar(trainer.agent().counters().updates))
+    Err(ExplainError::TooFar(trainer.agent().counters().updates))
 }
 
-impl Lesson {
-    fn new(
-        (config, dqn): (&Config, &DqnConfig),
-        progress: (u64, u64),
-        before: Dqn,
-        after: Dqn,
-        loss: f32,
-    ) -> Self {
-        let (minibatch, targets, gradient) = after.latest_update();
-        Self {
-            seed: config.seed,
-            config: dqn.clone(),
-            env_steps: progress.0,
-            episodes: progress.1,
-            minibatch: minibatch.clone(),
-            targets: targets.to_vec(),
-            gradient: gradient.clone(),
-            loss,
-            before,
-            after,
-        }
-    }
-
+impl ExplainedUpdate {
     /// The network that values the next observations.
     pub fn target(&self) -> &Mlp<f32> {
         if self.has_target() { &self.before.target.mlp } else { &self.before.online.mlp }
@@ -155,8 +145,8 @@ impl Lesson {
     }
 
     /// The tensors of the file that `cartpole-dqn check` reads.
-    pub fn tensors(&self) -> Writer {
-        let mut file = Writer::default();
+    pub fn tensors(&self) -> Tensors {
+        let mut file = Tensors::default();
         file.put_network("online.", &self.before.online.mlp);
         if self.has_target() {
             file.put_network("target.", &self.before.target.mlp);
@@ -168,7 +158,7 @@ impl Lesson {
                 network.parameters_mut().copy_from_slice(values);
                 network
             };
-            file.put_integer("adam.steps", adam.steps);
+            file.put("adam.steps", &[1], &[adam.steps]);
             file.put_network("adam.m.", &moments(&adam.first_moment));
             file.put_network("adam.v.", &moments(&adam.second_moment));
         }
@@ -178,8 +168,9 @@ impl Lesson {
         for (name, values) in [("observations", observations), ("next_observations", next_observations)] {
             file.put(&format!("batch.{name}"), &[batch, inputs], values.transpose().as_slice());
         }
-        file.put_bytes("batch.actions", actions.iter().copied());
-        file.put_bytes("batch.terminated", terminated.iter().copied().map(u8::from));
+        let flags: Vec<u8> = terminated.iter().copied().map(u8::from).collect();
+        file.put("batch.actions", &[batch], actions);
+        file.put("batch.terminated", &[batch], &flags);
         file.put("batch.rewards", &[batch], rewards);
         file.put("batch.discounts", &[batch], discounts);
         file.put("result.targets", &[batch], &self.targets);

@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use crate::files::read_limited;
 use crate::nn::{Loss, Mlp};
@@ -24,6 +25,8 @@ const MAX_PRODUCTS: usize = 1 << 30;
 const MAX_ACTIONS: usize = 256;
 /// The metadata's key of the settings.
 const SETTINGS: &str = "settings";
+/// How a file with [`Settings::metadata`] begins, behind the eight bytes of its header's length.
+pub const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
 
 /// One update: what it started from, and what somebody made of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -144,6 +147,11 @@ pub struct UpdateError {
     pub problem: Problem,
 }
 
+const POLICY: &str = "holds a policy, which `eval` plays, and no update; docs/check.md has functions to paste that write an update";
+const TABLE: &str = "holds a table of Q-values; `check` is about the update of a network, and docs/q_learning.md has that of a table";
+const NO_RESULT: &str = "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or \
+                         `result.online.0.weight`, …";
+
 /// See [`UpdateError`].
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs)]
@@ -153,11 +161,7 @@ pub enum Problem {
     #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
     #[error("{0}")]
-    Foreign(String),
-    #[error(
-        "holds a policy, which `eval` plays, and no update; docs/check.md has functions to paste that write an update"
-    )]
-    Policy,
+    NoUpdate(String),
     #[error("has no tensor `{name}`; expected {expected}")]
     Missing { name: String, expected: String },
     #[error("tensor `{name}` is {found}; expected {expected}")]
@@ -170,14 +174,6 @@ pub enum Problem {
          `next_observations`, `terminated`, `truncated`, `discounts`"
     )]
     UnknownTensor(String),
-    #[error(
-        "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or `result.online.0.weight`, …"
-    )]
-    NoResult,
-    #[error(
-        "holds a table of Q-values; `check` is about the update of a network, and docs/q_learning.md has that of a table"
-    )]
-    Table,
     #[error("has metadata `settings` that cannot be read: {0}")]
     Settings(serde_json::Error),
     #[error("the setting `{name}` is {value}; expected {expected}")]
@@ -222,7 +218,8 @@ impl Update {
     /// See [`Self::read`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
         let damaged = |error: safetensors::SafeTensorError| {
-            foreign_format(bytes).map_or_else(|| Problem::NotSafetensors(error.to_string()), Problem::Foreign)
+            foreign_format(bytes)
+                .map_or_else(|| Problem::NotSafetensors(error.to_string()), Problem::NoUpdate)
         };
         check_count(header_of(bytes)).map_err(Problem::TooLarge)?;
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
@@ -231,10 +228,12 @@ impl Update {
         let settings = settings.map_err(Problem::Settings)?;
         settings.validate()?;
         let safetensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
-        let mut file =
-            Tensors { views: safetensors.iter().map(|(name, view)| (name.to_owned(), view)).collect() };
-        if file.views.contains_key("0.weight") {
-            return Err(Problem::Policy);
+        let views = safetensors.iter().map(|(name, view)| (name.to_owned(), view));
+        let mut file = Remaining { views: views.collect() };
+        for (name, what) in [("0.weight", POLICY), ("q_table", TABLE)] {
+            if file.views.contains_key(name) {
+                return Err(Problem::NoUpdate(what.into()));
+            }
         }
         let update = file.update(settings)?;
         match file.views.pop_first() {
@@ -245,6 +244,11 @@ impl Update {
 }
 
 impl Settings {
+    /// The metadata of a file with these settings.
+    pub fn metadata(&self) -> HashMap<String, String> {
+        HashMap::from([(SETTINGS.to_owned(), json!(self).to_string())])
+    }
+
     fn validate(&self) -> Result<(), Problem> {
         let Self { gamma, learning_rate, beta1, beta2, epsilon, max_gradient_norm, .. } = *self;
         let norm = max_gradient_norm.unwrap_or(1.0);
@@ -265,15 +269,12 @@ impl Settings {
 }
 
 /// The tensors of a file that have not been taken yet.
-struct Tensors<'a> {
+struct Remaining<'a> {
     views: BTreeMap<String, TensorView<'a>>,
 }
 
-impl Tensors<'_> {
+impl Remaining<'_> {
     fn update(&mut self, settings: Settings) -> Result<Update, Problem> {
-        if self.views.contains_key("q_table") {
-            return Err(Problem::Table);
-        }
         let sizes = self.sizes()?;
         let (inputs, outputs) = (sizes[0], sizes[sizes.len() - 1]);
         let batch_size = self.batch_size()?;
@@ -289,8 +290,10 @@ impl Tensors<'_> {
         }
         let is_single = self.computed_in_f32();
         let online = self.network("online.", &sizes)?;
-        let has = |tensors: &Self, prefix: &str| tensors.views.keys().any(|name| name.starts_with(prefix));
-        let mut network = |prefix: &str| has(self, prefix).then(|| self.network(prefix, &sizes)).transpose();
+        let mut network = |prefix: &str| {
+            let is_there = self.views.keys().any(|name| name.starts_with(prefix));
+            is_there.then(|| self.network(prefix, &sizes)).transpose()
+        };
         let target = network("target.")?;
         let (first, second) = (network("adam.m.")?, network("adam.v.")?);
         let (gradients, after) = (network("result.gradients.")?, network("result.online.")?);
@@ -300,7 +303,7 @@ impl Tensors<'_> {
         let loss = self.optional("result.loss", &[])?.map(|loss| loss[0]);
         let results = Results { targets, loss, gradients, online: after };
         if results == Results::default() {
-            return Err(Problem::NoResult);
+            return Err(Problem::NoUpdate(NO_RESULT.into()));
         }
         let rounding_unit = if is_single { f64::from(f32::EPSILON) } else { f64::EPSILON } / 2.0;
         Ok(Update { settings, online, target, batch, adam, results, rounding_unit })
@@ -311,28 +314,22 @@ impl Tensors<'_> {
         let mut sizes: Vec<usize> = Vec::new();
         loop {
             let name = format!("online.{}.weight", 2 * sizes.len().saturating_sub(1));
-            let expected = || match sizes.last() {
-                Some(inputs) => format!("F32 or F64 [outputs, {inputs}]"),
-                None => "F32 or F64 [outputs, inputs]".into(),
-            };
-            let Some(view) = self.views.get(&name) else {
-                let has_layers = sizes.len() > 1;
-                return if has_layers {
-                    Ok(sizes)
-                } else {
-                    Err(Problem::Missing { name, expected: expected() })
-                };
-            };
-            match *view.shape() {
-                [rows, columns]
-                    if rows > 0 && columns > 0 && sizes.last().is_none_or(|&inputs| inputs == columns) =>
-                {
-                    if sizes.is_empty() {
-                        sizes.push(columns);
+            let inputs = sizes.last().map_or("inputs".into(), usize::to_string);
+            let expected = format!("F32 or F64 [outputs, {inputs}]");
+            match self.views.get(&name) {
+                None if sizes.is_empty() => return Err(Problem::Missing { name, expected }),
+                None => return Ok(sizes),
+                Some(view) => match *view.shape() {
+                    [rows, columns]
+                        if rows > 0 && columns > 0 && *sizes.last().unwrap_or(&columns) == columns =>
+                    {
+                        if sizes.is_empty() {
+                            sizes.push(columns);
+                        }
+                        sizes.push(rows);
                     }
-                    sizes.push(rows);
-                }
-                _ => return Err(wrong(&name, view, &expected())),
+                    _ => return Err(wrong(&name, view, &expected)),
+                },
             }
         }
     }
@@ -416,29 +413,25 @@ impl Tensors<'_> {
         let is_count = |value: f64| value.fract() == 0.0 && (0.0..=9.0e15).contains(&value);
         let steps = self.views.contains_key(name);
         let steps = steps.then(|| self.values(name, &[], is_count, expected)).transpose()?;
-        let missing = |name: &str, expected: &str| {
-            Err(Problem::Missing { name: name.into(), expected: expected.into() })
-        };
-        match (steps.map(|steps| steps[0] as u64), first, second) {
-            (None | Some(0), None, None) => Ok(Moments {
-                steps: 0,
-                first: Mlp::zeros(sizes.to_vec()),
-                second: Mlp::zeros(sizes.to_vec()),
+        let missing =
+            |name: &str, expected: &str| Problem::Missing { name: name.into(), expected: expected.into() };
+        let steps = steps.map(|steps| steps[0] as u64);
+        if let (None | Some(0), None, None) = (steps, &first, &second) {
+            let zeros = Mlp::zeros(sizes.to_vec());
+            return Ok(Moments { steps: 0, first: zeros.clone(), second: zeros });
+        }
+        let steps = steps.ok_or_else(|| missing(name, expected))?;
+        let moment = |name, of| missing(name, &format!("Adam's {of} moment, as there is `adam.steps`"));
+        let first = first.ok_or_else(|| moment("adam.m.0.weight", "first"))?;
+        let second = second.ok_or_else(|| moment("adam.v.0.weight", "second"))?;
+        match second.parameters().iter().position(|&value| value < 0.0) {
+            None => Ok(Moments { steps, first, second }),
+            Some(index) => Err(Problem::WrongValue {
+                name: "adam.v.…".into(),
+                value: second.parameters()[index],
+                index,
+                expected: "a mean of squares, at least 0".into(),
             }),
-            (None, ..) => missing(name, expected),
-            (_, None, _) => missing("adam.m.0.weight", "Adam's first moment, as there is `adam.steps`"),
-            (_, _, None) => missing("adam.v.0.weight", "Adam's second moment, as there is `adam.steps`"),
-            (Some(steps), Some(first), Some(second)) => {
-                match second.parameters().iter().position(|&value| value < 0.0) {
-                    None => Ok(Moments { steps, first, second }),
-                    Some(index) => Err(Problem::WrongValue {
-                        name: "adam.v.…".into(),
-                        value: second.parameters()[index],
-                        index,
-                        expected: "a mean of squares, at least 0".into(),
-                    }),
-                }
-            }
         }
     }
 
@@ -508,55 +501,4 @@ fn numbers(view: &TensorView) -> Option<Vec<f64>> {
         Dtype::U8 | Dtype::BOOL => decoded!(u8),
         _ => return None,
     })
-}
-
-/// How a file that [`Writer`] has made begins, behind the eight bytes of its header's length.
-pub const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
-
-/// An f32 update to be written.
-#[derive(Debug, Default)]
-pub struct Writer {
-    tensors: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>,
-}
-
-impl Writer {
-    /// Adds numbers.
-    pub fn put(&mut self, name: &str, shape: &[usize], values: &[f32]) {
-        let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-        self.tensors.insert(name.into(), (Dtype::F32, shape.to_vec(), bytes));
-    }
-
-    /// Adds an integer.
-    pub fn put_integer(&mut self, name: &str, value: u64) {
-        self.tensors.insert(name.into(), (Dtype::U64, vec![1], value.to_le_bytes().into()));
-    }
-
-    /// Adds small integers, or flags as 0 and 1.
-    pub fn put_bytes(&mut self, name: &str, values: impl IntoIterator<Item = u8>) {
-        let bytes: Vec<u8> = values.into_iter().collect();
-        self.tensors.insert(name.into(), (Dtype::U8, vec![bytes.len()], bytes));
-    }
-
-    /// Adds a network, the weights transposed to [out, in].
-    pub fn put_network(&mut self, prefix: &str, network: &Mlp<f32>) {
-        for (index, pair) in network.sizes().windows(2).enumerate() {
-            let (weight, bias) = network.layer(index).split_at(pair[0] * pair[1]);
-            let torch_weight = DMatrix::from_column_slice(pair[1], pair[0], weight).transpose();
-            self.put(&format!("{prefix}{}.weight", 2 * index), &[pair[1], pair[0]], torch_weight.as_slice());
-            self.put(&format!("{prefix}{}.bias", 2 * index), &[pair[1]], bias);
-        }
-    }
-
-    /// The content of the file.
-    ///
-    /// # Errors
-    /// When the format cannot express it.
-    pub fn to_bytes(&self, settings: &Settings) -> io::Result<Vec<u8>> {
-        let metadata = HashMap::from([(SETTINGS.to_owned(), serde_json::to_string(settings)?)]);
-        let views = self.tensors.iter().map(|(name, (dtype, shape, bytes))| {
-            Ok((name, TensorView::new(*dtype, shape.clone(), bytes).map_err(io::Error::other)?))
-        });
-        let views = views.collect::<io::Result<Vec<_>>>()?;
-        safetensors::serialize(views, Some(metadata)).map_err(io::Error::other)
-    }
 }

@@ -7,19 +7,15 @@
 //! | `reference.rs` | targets, loss, gradients and weights, the right way or with a mistake |
 //! | `catalogue.rs` | the known mistakes |
 //! | `verdict.rs` | the search for the mistakes that give somebody's numbers |
-//! | `common.rs` | what numbers have in common that no known mistake gives |
 
 mod catalogue;
-mod common;
 mod file;
 mod reference;
 mod rounding;
 mod verdict;
 
 pub use catalogue::{CATALOGUE, Mistake, Stage};
-pub use file::{
-    Batch, EpsilonPlace, Moments, Problem, Results, START, Settings, Update, UpdateError, Writer,
-};
+pub use file::{Batch, EpsilonPlace, Moments, Problem, Results, START, Settings, Update, UpdateError};
 pub use reference::{
     Bootstrap, Clipping, Decay, LossOf, Mask, Optimizer, Penalty, Predicted, Reached, Reduction, Reference,
     Reward, Targets, Variant,

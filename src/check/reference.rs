@@ -1,4 +1,6 @@
 //! The update in f64: one function for each quantity, of a [`Variant`] that says how it is computed.
+// The names of the variants say what they are.
+#![allow(missing_docs)]
 
 use std::sync::OnceLock;
 use std::thread;
@@ -9,7 +11,6 @@ use crate::nn::{Loss, Mlp};
 
 /// How an update is computed: the right way ([`Variant::right`]), or with some of the catalogue's mistakes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub struct Variant {
     pub reward: Reward,
     /// γ is multiplied this many times.
@@ -50,7 +51,6 @@ pub struct Variant {
 
 /// What of the reward is in the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Reward {
     Whole,
     Forgotten,
@@ -61,7 +61,6 @@ pub enum Reward {
 
 /// Where the target is the reward alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Mask {
     Terminated,
     Nowhere,
@@ -71,7 +70,6 @@ pub enum Mask {
 
 /// The value of the next observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Bootstrap {
     Max,
     Double,
@@ -88,7 +86,6 @@ pub enum Bootstrap {
 
 /// The loss of one TD error.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Penalty {
     Known(Loss),
     Absolute,
@@ -96,7 +93,6 @@ pub enum Penalty {
 
 /// What is compared with the targets.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Predicted {
     Taken,
     Largest,
@@ -110,7 +106,6 @@ pub enum Predicted {
 
 /// What the losses are divided by.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Reduction {
     Mean,
     Sum,
@@ -119,7 +114,6 @@ pub enum Reduction {
 
 /// The outputs that get a sample's gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Reached {
     Compared,
     /// The one behind it, by so many.
@@ -129,7 +123,6 @@ pub enum Reached {
 
 /// How a long gradient is shortened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Clipping {
     Norm,
     Nothing,
@@ -141,7 +134,6 @@ pub enum Clipping {
 
 /// What makes a step of a gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Optimizer {
     Adam,
     /// Without the divisions by 1 − βᵗ.
@@ -157,7 +149,6 @@ pub enum Optimizer {
 
 /// Weight decay.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub enum Decay {
     None,
     /// θ ← θ − α d θ, beside Adam's step (Loshchilov and Hutter 2019).
@@ -293,8 +284,7 @@ impl<'a> Reference<'a> {
             let valued = if variant.bootstrap == Bootstrap::DoubleExchanged { q_online } else { q };
             let mut next = Number::exact(0.0);
             for &(row, action) in &chosen {
-                let number = valued.get(row, action).scaled(1.0 / chosen.len() as f64);
-                next = Number { value: next.value + number.value, variance: next.variance + number.variance };
+                next += valued.get(row, action).scaled(1.0 / chosen.len() as f64);
             }
             let chooser = match variant.bootstrap {
                 Bootstrap::Double => Some(q_online),
@@ -352,16 +342,14 @@ impl<'a> Reference<'a> {
         let (batch, outputs) = q.value.shape();
         let unit = self.update.rounding_unit;
         let actions = &self.update.batch.actions;
-        let pairs: Box<dyn Iterator<Item = (usize, usize, usize)>> = match variant.predicted {
-            Predicted::Taken => Box::new((0..batch).map(|i| (i, actions[i], i))),
-            Predicted::Largest => Box::new((0..batch).map(|i| (i, argmax(q, i), i))),
-            Predicted::Shifted(by) => Box::new((0..batch).map(move |i| (i, (actions[i] + by) % outputs, i))),
-            Predicted::EveryOutput => {
-                Box::new((0..batch).flat_map(move |i| (0..outputs).map(move |a| (i, a, i))))
-            }
-            Predicted::EveryPair => {
-                Box::new((0..batch).flat_map(move |i| (0..batch).map(move |j| (i, actions[i], j))))
-            }
+        let one = |index: usize| index..index + 1;
+        // The outputs of a sample that are compared, and the samples whose targets they are compared with.
+        let compared = |i: usize| match variant.predicted {
+            Predicted::Taken => (one(actions[i]), one(i)),
+            Predicted::Largest => (one(argmax(q, i)), one(i)),
+            Predicted::Shifted(by) => (one((actions[i] + by) % outputs), one(i)),
+            Predicted::EveryOutput => (0..outputs, one(i)),
+            Predicted::EveryPair => (one(actions[i]), 0..batch),
         };
         let count = match variant.predicted {
             Predicted::EveryOutput => batch * outputs,
@@ -377,6 +365,10 @@ impl<'a> Reference<'a> {
         let mut value = Number::exact(0.0);
         let mut by_q = Matrix::zeros(batch, outputs);
         let mut by_target = vec![0.0; batch];
+        let pairs = (0..batch).flat_map(|sample| {
+            let (compared, targets) = compared(sample);
+            compared.flat_map(move |output| targets.clone().map(move |of| (sample, output, of)))
+        });
         for (sample, output, of) in pairs {
             let (predicted, target) = (q.get(sample, output), targets.values[of]);
             let td_error = Number {
@@ -385,10 +377,10 @@ impl<'a> Reference<'a> {
                     + target.variance
                     + square(unit) * (square(predicted.value) + square(target.value)),
             };
-            let loss = penalty(variant.loss, td_error).scaled(scale);
-            value.value += loss.value;
-            value.variance += loss.variance + square(unit) * count * square(loss.value);
-            let mut derivative = penalty_derivative(variant.loss, td_error).scaled(scale);
+            let (loss, derivative) = variant.loss.of(td_error);
+            let (loss, mut derivative) = (loss.scaled(scale), derivative.scaled(scale));
+            value += loss;
+            value.variance += square(unit) * count * square(loss.value);
             derivative.variance += square(2.0 * unit * derivative.value);
             by_target[of] -= derivative.value;
             match variant.reached {
@@ -401,20 +393,8 @@ impl<'a> Reference<'a> {
         LossOf { value, by_q, by_target }
     }
 
-    /// ∂L/∂θ as the optimiser gets it, in the order of [`Mlp::parameters`]; of the layers from `first` on, 0 before them.
-    /// A long gradient takes all layers.
-    pub fn gradients(
-        &self,
-        variant: &Variant,
-        targets: &Targets,
-        loss: &LossOf,
-        first: usize,
-    ) -> Vec<Number> {
-        self.changed(variant, self.raw_gradients(variant, targets, loss, first))
-    }
-
-    /// ∂L/∂θ before anything is done to it.
-    pub(super) fn raw_gradients(
+    /// ∂L/∂θ before anything is done to it, in the order of [`Mlp::parameters`]; of the layers from `first` on, 0 before them.
+    pub fn raw_gradients(
         &self,
         variant: &Variant,
         targets: &Targets,
@@ -439,15 +419,14 @@ impl<'a> Reference<'a> {
         gradient
     }
 
-    /// What the optimiser gets of a gradient: with that of the update before, and clipped.
-    pub(super) fn changed(&self, variant: &Variant, mut gradient: Vec<Number>) -> Vec<Number> {
+    /// ∂L/∂θ as the optimiser gets it: with the gradient of the update before if that stayed, and clipped. A norm needs all layers.
+    pub fn changed(&self, variant: &Variant, mut gradient: Vec<Number>) -> Vec<Number> {
         let Update { rounding_unit: unit, adam, .. } = self.update;
         // m = (1 − β₁) g after the first update.
         if variant.is_accumulated && adam.steps == 1 {
             for (number, &moment) in gradient.iter_mut().zip(adam.first.parameters()) {
                 let before = moment / (1.0 - self.update.settings.beta1);
-                number.value += before;
-                number.variance += square(4.0 * unit * before);
+                *number += Number { value: before, variance: square(4.0 * unit * before) };
             }
         }
         self.clip(variant, &mut gradient);
@@ -569,32 +548,25 @@ fn stepped(
     decayed - learning_rate * direction
 }
 
-fn penalty(penalty: Penalty, td_error: Number) -> Number {
-    let Number { value: x, variance } = td_error;
-    let slope = match penalty {
-        Penalty::Known(loss) => loss.derivative(x),
-        Penalty::Absolute => 1.0,
-    };
-    let value = match penalty {
-        Penalty::Known(loss) => loss.value(x),
-        Penalty::Absolute => x.abs(),
-    };
-    let second_order = if penalty == Penalty::Absolute { 0.0 } else { 2.0 * square(variance) };
-    Number { value, variance: square(slope) * variance + second_order }
-}
-
-fn penalty_derivative(penalty: Penalty, td_error: Number) -> Number {
-    let Number { value: x, variance } = td_error;
-    match penalty {
-        Penalty::Known(Loss::Mse) => td_error.scaled(2.0),
-        Penalty::Known(loss) => Number { value: loss.derivative(x), variance },
-        Penalty::Absolute => {
+impl Penalty {
+    /// ℓ(δ) and ℓ′(δ).
+    fn of(self, td_error: Number) -> (Number, Number) {
+        let Number { value: x, variance } = td_error;
+        let Self::Known(loss) = self else {
             let mut sign = Number::exact(if x == 0.0 { 0.0 } else { x.signum() });
             if x.abs() < td_error.tolerance() {
                 sign.may_be_off_by(2.0);
             }
-            sign
-        }
+            return (Number { value: x.abs(), variance }, sign);
+        };
+        let slope = loss.derivative(x);
+        let value =
+            Number { value: loss.value(x), variance: square(slope) * variance + 2.0 * square(variance) };
+        let derivative = match loss {
+            Loss::Mse => td_error.scaled(2.0),
+            Loss::Huber => Number { value: slope, variance },
+        };
+        (value, derivative)
     }
 }
 

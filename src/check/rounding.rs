@@ -5,6 +5,8 @@
 //! unit of rounding. This is more than blocked sums have. Two numbers agree if they lie within [`SAFETY`] standard
 //! deviations.
 
+use std::ops::AddAssign;
+
 use nalgebra::{DMatrix, DMatrixView};
 
 use crate::nn::Mlp;
@@ -37,8 +39,16 @@ impl Number {
         self.variance += square(distance / SAFETY);
     }
 
+    /// The product with an exact factor.
     pub(super) fn scaled(self, factor: f64) -> Self {
         Self { value: self.value * factor, variance: self.variance * square(factor) }
+    }
+}
+
+impl AddAssign for Number {
+    fn add_assign(&mut self, other: Self) {
+        self.value += other.value;
+        self.variance += other.variance;
     }
 }
 
@@ -56,6 +66,11 @@ impl Matrix {
 
     pub fn get(&self, row: usize, column: usize) -> Number {
         Number { value: self.value[(row, column)], variance: self.variance[(row, column)] }
+    }
+
+    /// The variance of each number, and what a sum with it adds for rounding: `growth` times its square.
+    fn spread(&self, growth: f64) -> DMatrix<f64> {
+        self.variance.zip_map(&self.value, |variance, value| variance + growth * square(value))
     }
 
     pub fn add(&mut self, row: usize, column: usize, number: Number) {
@@ -88,11 +103,11 @@ pub(super) fn forward(network: &Mlp<f64>, observations: &DMatrix<f64>, unit: f64
         let layer = network.layer(index);
         let mut squares: Vec<f64> = layer.iter().copied().map(square).collect();
         squares[inputs * outputs..].iter_mut().for_each(|bias| *bias *= growth);
-        let x_squares = x.variance.zip_map(&x.value, |variance, value| variance + growth * square(value));
+        let x_squares = x.spread(growth);
         let mut y = Matrix::zeros(batch, outputs);
         affine(&x.value, layer, &mut y.value);
         affine(&x_squares, &squares, &mut y.variance);
-        y.variance.zip_apply(&y.value, |variance, value| *variance += growth * square(value));
+        y.variance = y.spread(growth);
         pass.inputs.push(std::mem::replace(&mut x, relu(&y)));
         pass.outputs.push(y);
     }
@@ -126,7 +141,7 @@ pub(super) fn backward(
         let (mut value, mut rounded, mut carried) =
             (vec![0.0; layer.len()], vec![0.0; layer.len()], vec![0.0; layer.len()]);
         let dy_squares = dy.value.map(square);
-        let x_squares = x.variance.zip_map(&x.value, |variance, value| variance + growth * square(value));
+        let x_squares = x.spread(growth);
         layer_gradient(&dy.value, &x.value, &mut value);
         layer_gradient(&dy_squares, &x_squares, &mut rounded);
         layer_gradient(&dy.variance, &x.value.map(square), &mut carried);
@@ -148,7 +163,7 @@ fn before_relu(layer: &[f64], dy: &Matrix, before: &Matrix, unit: f64) -> Matrix
     let (batch, inputs) = before.value.shape();
     let growth = square(unit) * dy.value.ncols() as f64;
     let squares: Vec<f64> = layer.iter().copied().map(square).collect();
-    let dy_squares = dy.variance.zip_map(&dy.value, |variance, value| variance + growth * square(value));
+    let dy_squares = dy.spread(growth);
     let mut dx = Matrix {
         value: &dy.value * weights(layer, dy.value.ncols()),
         variance: &dy_squares * weights(&squares, dy.value.ncols()),

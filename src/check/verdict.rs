@@ -7,7 +7,6 @@ use std::thread;
 use serde::Serialize;
 
 use super::catalogue::{CATALOGUE, Mistake, Stage};
-use super::common::in_common;
 use super::file::Update;
 use super::reference::{Clipping, LossOf, NORM_MARGIN, Predicted, Reference, Targets, Variant};
 use super::rounding::{Matrix, Number, SAFETY, agrees};
@@ -57,8 +56,6 @@ pub struct Judged {
     pub differing: usize,
     /// How many there are.
     pub numbers: usize,
-    /// What the differing numbers have in common, if no known mistake reproduces them.
-    pub in_common: Vec<String>,
 }
 
 /// See [`Judged`].
@@ -76,41 +73,40 @@ pub enum State {
 }
 
 /// A mistake in an explanation.
-#[derive(Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Explained {
-    /// Its name.
-    pub id: &'static str,
+    /// The mistake.
+    #[serde(flatten)]
+    pub mistake: &'static Mistake,
     /// The quantity by which it was found.
     pub quantity: Stage,
     /// Whether only that quantity has it: what was computed from there on does not.
     pub reported_only: bool,
-    #[allow(missing_docs)]
-    pub what: &'static str,
-    #[allow(missing_docs)]
-    pub why: &'static str,
-    #[allow(missing_docs)]
-    pub mend: &'static str,
 }
 
 /// What somebody may have computed.
 #[derive(Clone)]
 struct Hypothesis {
     variant: Variant,
-    /// The mistakes in it, and by which quantity each was found.
-    found: Vec<(&'static Mistake, Stage)>,
-    /// Mistakes that one quantity has and the next have not.
-    reported_only: Vec<(&'static Mistake, Stage)>,
+    /// The mistakes in it, the latest last.
+    mistakes: Vec<Explained>,
     /// What follows is computed from their targets or gradients as they are: nothing explains them, or the targets are equal.
     takes_their_targets: bool,
     takes_their_gradients: bool,
 }
 
 impl Hypothesis {
-    fn with(&self, mistake: &'static Mistake, stage: Stage) -> Self {
+    fn with(&self, mistake: &'static Mistake, quantity: Stage) -> Self {
         let mut with = self.clone();
         with.variant = mistake.on(&self.variant);
-        with.found.push((mistake, stage));
+        with.mistakes.push(Explained { mistake, quantity, reported_only: false });
         with
+    }
+
+    fn explanation(&self) -> Vec<Explained> {
+        let mut mistakes = self.mistakes.clone();
+        mistakes.sort_by_key(|explained| explained.quantity);
+        mistakes
     }
 }
 
@@ -131,38 +127,35 @@ pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
     };
     let mut hypotheses = vec![Hypothesis {
         variant: search.right,
-        found: Vec::new(),
-        reported_only: Vec::new(),
+        mistakes: Vec::new(),
         takes_their_targets: false,
         takes_their_gradients: false,
     }];
     let (mut quantities, mut left_out, mut norm_clipping) = (Vec::new(), LeftOut::default(), None);
     for stage in Stage::ALL {
         let Some(theirs) = search.theirs(stage) else {
-            quantities.push(Judged::absent(stage));
+            quantities.push(Judged::new(stage, State::Absent, &[], &[]));
             continue;
         };
         let ours = search.compute(&hypotheses[0], stage);
-        let mut judged = Judged::new(stage, &ours, theirs);
+        let mut judged = Judged::new(stage, State::Different, &ours, theirs);
         let mut following = search.still_reproducing(&hypotheses, &ours, stage, &mut left_out);
         if following.is_empty() {
             following = search.explain(&hypotheses, stage, &mut left_out);
         }
         match following.first() {
             None => {
-                judged.in_common = in_common(update, stage, &ours, theirs);
                 for hypothesis in &mut hypotheses {
                     hypothesis.takes_their_targets |= stage == Stage::Targets;
                     hypothesis.takes_their_gradients |= stage == Stage::Gradients;
                 }
             }
-            Some(first) if first.found.iter().any(|(_, quantity)| *quantity == stage) => {
+            Some(first) if first.mistakes.iter().any(|explained| explained.quantity == stage) => {
                 judged.state = State::Explained;
                 hypotheses = following;
             }
             Some(first) => {
-                judged = Judged::new(stage, &search.compute(first, stage), theirs);
-                judged.state = State::Equal;
+                judged = Judged::new(stage, State::Equal, &search.compute(first, stage), theirs);
                 hypotheses = following;
                 // Where two actions are equally good, theirs may have the value of the other one.
                 for hypothesis in &mut hypotheses {
@@ -181,7 +174,11 @@ pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
     Verdict {
         equal: quantities.iter().all(|quantity| matches!(quantity.state, State::Absent | State::Equal)),
         not_visible,
-        explanations: hypotheses.iter().map(Hypothesis::explained).filter(|list| !list.is_empty()).collect(),
+        explanations: hypotheses
+            .iter()
+            .map(Hypothesis::explanation)
+            .filter(|list| !list.is_empty())
+            .collect(),
         quantities,
         norm_clipping,
         mistakes_left_out: left_out.mistakes,
@@ -198,12 +195,9 @@ struct LeftOut {
 
 impl LeftOut {
     fn add(&mut self, candidates: &[Hypothesis]) {
-        let last = |candidate: &Hypothesis| {
-            candidate.found.iter().chain(&candidate.reported_only).last().map(|(mistake, _)| mistake.id)
-        };
-        for id in candidates.iter().filter_map(last) {
-            if !self.mistakes.contains(&id) {
-                self.mistakes.push(id);
+        for Explained { mistake, .. } in candidates.iter().filter_map(|candidate| candidate.mistakes.last()) {
+            if !self.mistakes.contains(&mistake.id) {
+                self.mistakes.push(mistake.id);
             }
         }
     }
@@ -414,9 +408,14 @@ impl Search<'_> {
         affords
     }
 
-    /// The candidates that give their numbers, in their order; and those that were not tried.
-    fn reproducing(&self, candidates: Vec<Hypothesis>, stage: Stage) -> (Vec<Hypothesis>, Vec<Hypothesis>) {
-        let (looked_at, mut left_out): (Vec<_>, Vec<_>) =
+    /// The candidates that give their numbers, in their order.
+    fn reproducing(
+        &self,
+        candidates: Vec<Hypothesis>,
+        stage: Stage,
+        left_out: &mut LeftOut,
+    ) -> Vec<Hypothesis> {
+        let (looked_at, mut untried): (Vec<_>, Vec<_>) =
             candidates.into_iter().partition(|candidate| self.affords(self.look_work(candidate, stage)));
         let looks = self.in_parallel(&looked_at, stage, |candidate| self.first_look(candidate, stage));
         let mut open = Vec::new();
@@ -425,14 +424,15 @@ impl Search<'_> {
                 FirstLook::RuledOut => {}
                 FirstLook::Reproduces => open.push((candidate, true)),
                 FirstLook::Open(work) if self.affords(work) => open.push((candidate, false)),
-                FirstLook::Open(_) => left_out.push(candidate),
+                FirstLook::Open(_) => untried.push(candidate),
             }
         }
+        left_out.add(&untried);
         let verdicts = self.in_parallel(&open, stage, |(candidate, is_decided)| {
             *is_decided || self.reproduces(candidate, stage)
         });
         let found = open.into_iter().zip(verdicts).filter(|(_, reproduces)| *reproduces);
-        (found.map(|((candidate, _), _)| candidate).collect(), left_out)
+        found.map(|((candidate, _), _)| candidate).collect()
     }
 
     /// The results of a function, in the order of the items, which several threads compute.
@@ -471,8 +471,7 @@ impl Search<'_> {
         left_out: &mut LeftOut,
     ) -> Vec<Hypothesis> {
         let first = self.theirs(stage).is_none_or(|theirs| all_agree(ours, theirs));
-        let (others, untried) = self.reproducing(hypotheses[1..].to_vec(), stage);
-        left_out.add(&untried);
+        let others = self.reproducing(hypotheses[1..].to_vec(), stage, left_out);
         hypotheses[..1].iter().filter(|_| first).cloned().chain(others).collect()
     }
 
@@ -483,16 +482,16 @@ impl Search<'_> {
         let with_one =
             |bases: &[Hypothesis]| bases.iter().flat_map(|base| self.with_one(base, stage)).collect();
         for candidates in [without.clone(), with_one(hypotheses), with_one(&without)] {
-            let (mut found, untried) = self.reproducing(candidates, stage);
-            left_out.add(&untried);
+            let mut found = self.reproducing(candidates, stage, left_out);
             if !found.is_empty() {
                 found.truncate(MAX_EXPLANATIONS);
                 return found;
             }
         }
         let pairs = hypotheses.iter().flat_map(|base| self.with_two(base, stage)).collect();
-        let (mut found, untried) = self.reproducing(pairs, stage);
-        left_out.pairs |= !untried.is_empty();
+        let mut untried = LeftOut::default();
+        let mut found = self.reproducing(pairs, stage, &mut untried);
+        left_out.pairs |= !untried.mistakes.is_empty();
         found.truncate(MAX_EXPLANATIONS);
         found
     }
@@ -509,21 +508,19 @@ impl Search<'_> {
 
     /// Without one of the mistakes in the loss or the gradient: what was reported may not be what was used.
     fn without_one(&self, hypothesis: &Hypothesis, stage: Stage) -> Vec<Hypothesis> {
-        let removable = |(mistake, found_by): &(&'static Mistake, Stage)| {
-            mistake.stage > Stage::Targets && *found_by < stage
+        let is_removable = |explained: &Explained| {
+            !explained.reported_only && explained.mistake.stage > Stage::Targets && explained.quantity < stage
         };
         let without = |index: usize| {
             let mut without = hypothesis.clone();
-            let removed = without.found.remove(index);
-            without.reported_only.push(removed);
-            without.variant =
-                without.found.iter().fold(self.right, |variant, (mistake, _)| mistake.on(&variant));
+            let removed = without.mistakes.remove(index);
+            let computed = without.mistakes.iter().filter(|explained| !explained.reported_only);
+            without.variant = computed.fold(self.right, |variant, explained| explained.mistake.on(&variant));
+            without.mistakes.push(Explained { reported_only: true, ..removed });
             without
         };
-        (0..hypothesis.found.len())
-            .filter(|&index| removable(&hypothesis.found[index]))
-            .map(without)
-            .collect()
+        let all = 0..hypothesis.mistakes.len();
+        all.filter(|&index| is_removable(&hypothesis.mistakes[index])).map(without).collect()
     }
 
     fn with_one(&self, base: &Hypothesis, stage: Stage) -> Vec<Hypothesis> {
@@ -531,7 +528,7 @@ impl Search<'_> {
         candidates.filter(|candidate| candidate.variant != base.variant).collect()
     }
 
-    /// The first of the two is the one that is made first, so the catalogue's order decides.
+    /// Both mistakes of each pair are applied in the order of the catalogue.
     fn with_two(&self, base: &Hypothesis, stage: Stage) -> Vec<Hypothesis> {
         let mut ordered: Vec<_> = self.candidates(stage).collect();
         ordered.sort_by_key(|mistake| mistake.stage);
@@ -556,14 +553,12 @@ impl Search<'_> {
         let mut hidden: Vec<_> = mistakes.map(|mistake| hypothesis.with(mistake, mistake.stage)).collect();
         hidden.retain(|with| with.variant != hypothesis.variant);
         for stage in Stage::ALL.into_iter().filter(given) {
-            let shows =
-                |with: &Hypothesis| with.found.last().is_some_and(|(mistake, _)| mistake.stage <= stage);
+            let shows = |with: &Hypothesis| with.mistakes.last().is_some_and(|last| last.quantity <= stage);
             let (concerned, others): (Vec<_>, Vec<_>) = hidden.into_iter().partition(shows);
-            let (found, untried) = self.reproducing(concerned, stage);
-            left_out.add(&untried);
+            let found = self.reproducing(concerned, stage, left_out);
             hidden = found.into_iter().chain(others).collect();
         }
-        hidden.iter().filter_map(|with| with.found.last()).map(|(mistake, _)| mistake.name()).collect()
+        hidden.iter().filter_map(|with| with.mistakes.last()).map(|last| last.mistake.name()).collect()
     }
 }
 
@@ -571,37 +566,19 @@ fn all_agree(ours: &[Number], theirs: &[f64]) -> bool {
     ours.iter().zip(theirs).all(|(ours, &theirs)| agrees(ours, theirs))
 }
 
-impl Hypothesis {
-    fn explained(&self) -> Vec<Explained> {
-        let explain = |(mistake, quantity): &(&'static Mistake, Stage), reported_only| {
-            let Mistake { id, what, why, mend, .. } = *mistake;
-            Explained { id, quantity: *quantity, reported_only, what, why, mend }
-        };
-        let mut all: Vec<_> = self.found.iter().map(|found| explain(found, false)).collect();
-        all.extend(self.reported_only.iter().map(|found| explain(found, true)));
-        all.sort_by_key(|explained| explained.quantity);
-        all
-    }
-}
-
 impl Judged {
-    fn absent(name: Stage) -> Self {
-        let (state, in_common) = (State::Absent, Vec::new());
-        Self { name, state, largest_relative_difference: None, differing: 0, numbers: 0, in_common }
-    }
-
-    fn new(name: Stage, ours: &[Number], theirs: &[f64]) -> Self {
+    fn new(name: Stage, state: State, ours: &[Number], theirs: &[f64]) -> Self {
         let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
-        let difference =
-            largest(&mut ours.iter().zip(theirs).map(|(ours, theirs)| (ours.value - theirs).abs()));
+        let pairs = || ours.iter().zip(theirs);
+        let difference = largest(&mut pairs().map(|(ours, theirs)| (ours.value - theirs).abs()));
         let scale = largest(&mut ours.iter().map(|ours| ours.value.abs()));
+        let relative = if difference == 0.0 { 0.0 } else { difference / scale };
         Self {
             name,
-            state: State::Different,
-            largest_relative_difference: Some(if difference == 0.0 { 0.0 } else { difference / scale }),
-            differing: ours.iter().zip(theirs).filter(|(ours, theirs)| !agrees(ours, **theirs)).count(),
+            state,
+            largest_relative_difference: (state != State::Absent).then_some(relative),
+            differing: pairs().filter(|(ours, theirs)| !agrees(ours, **theirs)).count(),
             numbers: theirs.len(),
-            in_common: Vec::new(),
         }
     }
 }

@@ -120,12 +120,12 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         if let Some(explanation) = verdict.explanations.first() {
             explanation
                 .iter()
-                .filter(|mistake| mistake.quantity == quantity.name)
-                .for_each(|mistake| put_mistake(&mut text, mistake));
+                .filter(|explained| explained.quantity == quantity.name)
+                .for_each(|explained| put_mistake(&mut text, explained));
         }
     }
     for other in verdict.explanations.iter().skip(1) {
-        let names: Vec<_> = other.iter().map(|mistake| mistake.what.to_owned()).collect();
+        let names: Vec<_> = other.iter().map(|explained| explained.mistake.what.to_owned()).collect();
         put(&mut text, "or", &format!("these numbers are as well explained by: {}", names.join(" AND ")));
     }
     if let Some(form) = verdict.norm_clipping {
@@ -203,22 +203,17 @@ fn state(quantity: &Judged, verdict: &Verdict) -> String {
         State::Explained => {
             format!("DIFFERENT{given}{differing} (largest relative difference {difference:.1e})")
         }
-        State::Different => {
-            let common = match &quantity.in_common[..] {
-                [] => "the numbers that differ have nothing in common".into(),
-                common => common.join("; "),
-            };
-            format!(
-                "DIFFERENT{given}{differing} (largest relative difference {difference:.1e}), and no known mistake \
-                 gives these numbers: {common}"
-            )
-        }
+        State::Different => format!(
+            "DIFFERENT{given}{differing} (largest relative difference {difference:.1e}), and no known mistake gives \
+             these numbers"
+        ),
     }
 }
 
-fn put_mistake(text: &mut String, mistake: &Explained) {
+fn put_mistake(text: &mut String, explained: &Explained) {
+    let Explained { mistake, reported_only, .. } = explained;
     put(text, "  what", mistake.what);
-    if mistake.reported_only {
+    if *reported_only {
         put(text, "", "only this number has it: what follows is computed without it");
     }
     put(text, "  why", mistake.why);

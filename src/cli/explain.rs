@@ -11,7 +11,7 @@ use super::output::Output;
 use super::permission::ask_task;
 use super::ui::{Failure, print};
 use crate::check::START;
-use crate::explain::{Lesson, NoLesson, lesson};
+use crate::explain::{ExplainError, ExplainedUpdate, explain};
 use crate::nn::{Activations, Loss, Mlp, norm};
 
 /// Transitions that are shown without --all.
@@ -38,13 +38,13 @@ pub(super) struct Arguments {
     out: Option<PathBuf>,
 }
 
-impl From<NoLesson> for Failure {
-    fn from(error: NoLesson) -> Self {
+impl From<ExplainError> for Failure {
+    fn from(error: ExplainError) -> Self {
         match error {
-            NoLesson::TooFar(_) | NoLesson::NoDqn => Self::BadInput(error.to_string()),
-            NoLesson::Train(error) => error.into(),
-            NoLesson::Environment(error) => error.into(),
-            NoLesson::NotFinite(_) => Self::Failed(error.to_string()),
+            ExplainError::TooFar(_) | ExplainError::NoDqn => Self::BadInput(error.to_string()),
+            ExplainError::Train(error) => error.into(),
+            ExplainError::Environment(error) => error.into(),
+            ExplainError::NotFinite(_) => Self::Failed(error.to_string()),
         }
     }
 }
@@ -56,19 +56,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = |path| Output { option: "--out", path, what: "an update", is_own };
     let output = arguments.out.as_deref().map(output);
     output.as_ref().map_or(Ok(()), Output::check)?;
-    let lesson = lesson(&config, arguments.update)?;
+    let lesson = explain(&config, arguments.update)?;
     if !output.as_ref().is_some_and(Output::is_standard) {
         print(&describe(&lesson, arguments))?;
     }
     if let Some(output) = output {
-        let bytes = lesson.tensors().to_bytes(&lesson.settings());
+        let bytes = lesson.tensors().to_safetensors(Some(lesson.settings().metadata()));
         let bytes = bytes.map_err(|error| Failure::Failed(error.to_string()))?;
         output.write(|file| file.write_all(&bytes))?;
     }
     Ok(())
 }
 
-fn describe(lesson: &Lesson, arguments: &Arguments) -> String {
+fn describe(lesson: &ExplainedUpdate, arguments: &Arguments) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
     let _ = head(&mut text, lesson, arguments.update);
@@ -96,7 +96,7 @@ struct Values {
 }
 
 impl Values {
-    fn of(lesson: &Lesson) -> Self {
+    fn of(lesson: &ExplainedUpdate) -> Self {
         let (s, next) = (&lesson.minibatch.observations, &lesson.minibatch.next_observations);
         Self {
             current: q_values(&lesson.before.online.mlp, s),
@@ -106,7 +106,7 @@ impl Values {
         }
     }
 
-    fn error_after(&self, lesson: &Lesson, sample: usize) -> f32 {
+    fn error_after(&self, lesson: &ExplainedUpdate, sample: usize) -> f32 {
         self.after[(sample, usize::from(lesson.minibatch.actions[sample]))] - lesson.targets[sample]
     }
 }
@@ -118,7 +118,7 @@ fn q_values(network: &Mlp<f32>, observations: &DMatrix<f32>) -> DMatrix<f32> {
     activations.output().clone()
 }
 
-fn head(text: &mut String, lesson: &Lesson, update: u64) -> std::fmt::Result {
+fn head(text: &mut String, lesson: &ExplainedUpdate, update: u64) -> std::fmt::Result {
     let config = &lesson.config;
     let sizes: Vec<_> = lesson.before.online.mlp.sizes().iter().map(ToString::to_string).collect();
     let target =
@@ -133,7 +133,7 @@ fn head(text: &mut String, lesson: &Lesson, update: u64) -> std::fmt::Result {
     writeln!(text, "minibatch  {samples} of the {remembered} transitions remembered")
 }
 
-fn transition(text: &mut String, lesson: &Lesson, q: &Values, sample: usize) -> std::fmt::Result {
+fn transition(text: &mut String, lesson: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
     let batch = &lesson.minibatch;
     let action = usize::from(batch.actions[sample]);
     let (reward, discount) = (number(batch.rewards[sample]), number(batch.discounts[sample]));
@@ -171,7 +171,7 @@ fn transition(text: &mut String, lesson: &Lesson, q: &Values, sample: usize) -> 
     )
 }
 
-fn step(text: &mut String, lesson: &Lesson) -> std::fmt::Result {
+fn step(text: &mut String, lesson: &ExplainedUpdate) -> std::fmt::Result {
     let (before, after) = (&lesson.before, &lesson.after);
     writeln!(text, "\nloss       {}, the mean of {}", number(lesson.loss), lesson.targets.len())?;
     let whole = norm(lesson.gradient.parameters());
@@ -212,7 +212,7 @@ fn step(text: &mut String, lesson: &Lesson) -> std::fmt::Result {
     writeln!(text, "\nafter it")
 }
 
-fn afterwards(text: &mut String, lesson: &Lesson, q: &Values, sample: usize) -> std::fmt::Result {
+fn afterwards(text: &mut String, lesson: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
     let action = usize::from(lesson.minibatch.actions[sample]);
     let before = q.current[(sample, action)] - lesson.targets[sample];
     writeln!(

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use assert_cmd::assert::Assert;
 use cartpole_dqn::check::{Update, check};
 use cartpole_dqn::config::Config;
-use cartpole_dqn::explain::lesson;
+use cartpole_dqn::explain::explain;
 use cartpole_dqn::report::Report;
 use cartpole_dqn::run::{Checkpoint, Header, seal};
 use cartpole_dqn::trainer::{Budget, Event};
@@ -183,8 +183,8 @@ fn a_mutated_checkpoint_is_a_run_or_refused() {
 #[test]
 fn a_mutated_update_is_judged_or_refused() {
     let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
-    let lesson = lesson(&super::plain(&set), 60).unwrap();
-    let valid = lesson.tensors().to_bytes(&lesson.settings()).unwrap();
+    let update = explain(&super::plain(&set), 60).unwrap();
+    let valid = update.tensors().to_safetensors(Some(update.settings().metadata())).unwrap();
     assert!(check(&Update::from_bytes(&valid).unwrap()).equal);
     proptest!(cases(300), |(mutations in vec(mutation(), 1..4))| {
         for bytes in [mutated(&valid, &mutations), with_mutated_header(&valid, &mutations)] {
