@@ -59,9 +59,6 @@ pub enum ExplainError {
 }
 
 /// Trains to update `number`, counted from 1, and does it.
-///
-/// # Errors
-/// When the run ends or fails before.
 pub fn explain(config: &Config, number: u64) -> Result<ExplainedUpdate, ExplainError> {
     let mut unevaluated = config.clone();
     if !config.stop_when_solved && config.stop_when_lasting_steps.is_none() {

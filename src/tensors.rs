@@ -123,9 +123,6 @@ impl View for &Tensor {
 
 impl Tensors {
     /// The tensors in the bytes of a safetensors file.
-    ///
-    /// # Errors
-    /// What the crate `safetensors` says when the bytes are not a whole file.
     pub fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
         let file = SafeTensors::deserialize(bytes)?;
         let tensors = file.iter().map(|(name, view)| {
@@ -137,9 +134,6 @@ impl Tensors {
     }
 
     /// The bytes of a safetensors file with these tensors and this metadata.
-    ///
-    /// # Errors
-    /// When the format cannot express them.
     pub fn to_safetensors(
         &self,
         metadata: Option<HashMap<String, String>>,
@@ -159,9 +153,6 @@ impl Tensors {
     }
 
     /// A tensor's values.
-    ///
-    /// # Errors
-    /// When it is missing or of another type or shape.
     pub fn get<T: Element>(&self, name: &str, shape: &[usize]) -> Result<Vec<T>, TensorError> {
         let tensor = self.tensor(name)?;
         if tensor.dtype != T::DTYPE || tensor.shape != shape {
@@ -171,17 +162,11 @@ impl Tensors {
     }
 
     /// The one value of a tensor.
-    ///
-    /// # Errors
-    /// As [`Self::get`].
     pub fn get_one<T: Element>(&self, name: &str) -> Result<T, TensorError> {
         self.get(name, &[1])?.into_iter().next().ok_or_else(|| TensorError::Missing(name.to_owned()))
     }
 
     /// A tensor's shape.
-    ///
-    /// # Errors
-    /// When it is missing.
     pub fn shape(&self, name: &str) -> Result<&[usize], TensorError> {
         Ok(&self.tensor(name)?.shape)
     }
@@ -201,9 +186,6 @@ impl Tensors {
     }
 
     /// Fills a network from the tensors of [`Self::put_network`].
-    ///
-    /// # Errors
-    /// When one is missing or of another type or shape.
     pub fn get_network(&self, prefix: &str, network: &mut Mlp<f32>) -> Result<(), TensorError> {
         for (index, sizes) in network.sizes().to_vec().windows(2).enumerate() {
             let (inputs, outputs) = (sizes[0], sizes[1]);
@@ -245,9 +227,6 @@ impl Tensors {
     }
 
     /// The policy: the network in the unprefixed tensors, whoever wrote them, for a task with these sizes.
-    ///
-    /// # Errors
-    /// When there is none, it is of another shape, or a weight is not finite.
     pub fn network(&self, inputs: usize, outputs: usize) -> Result<Mlp<f32>, TensorError> {
         match self.as_sequential() {
             Some(renamed) => renamed.sequential(inputs, outputs),
@@ -296,9 +275,6 @@ impl Tensors {
     }
 
     /// A stream of random numbers at the place of [`Self::put_rng`].
-    ///
-    /// # Errors
-    /// When it is missing, of another type or shape, or no place of a generator.
     pub fn get_rng(&self, name: &str) -> Result<Rng, TensorError> {
         let words = self.get::<u64>(name, &[4])?.try_into().ok().and_then(Rng::from_words);
         words.ok_or(TensorError::Inconsistent("generator of random numbers"))

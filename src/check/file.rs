@@ -184,9 +184,6 @@ pub enum Problem {
 
 impl Update {
     /// Reads a file.
-    ///
-    /// # Errors
-    /// When it cannot be read or is no update: what is wrong and what is expected.
     pub fn read(path: &Path) -> Result<Self, UpdateError> {
         read_limited(path, MAX_FILE_SIZE)
             .map_err(Problem::Unreadable)
@@ -195,9 +192,6 @@ impl Update {
     }
 
     /// Reads a stream whole; `path` is what errors call it.
-    ///
-    /// # Errors
-    /// See [`Self::read`].
     pub fn read_from(stream: impl Read, path: &Path) -> Result<Self, UpdateError> {
         let mut bytes = Vec::new();
         let read = match stream.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes) {
@@ -213,9 +207,6 @@ impl Update {
     }
 
     /// Parses the content of a file.
-    ///
-    /// # Errors
-    /// See [`Self::read`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
         let damaged = |error: safetensors::SafeTensorError| {
             foreign_format(bytes)

@@ -17,8 +17,8 @@ mod verdict;
 pub use catalogue::{CATALOGUE, Mistake, Stage};
 pub use file::{Batch, EpsilonPlace, Moments, Problem, Results, START, Settings, Update, UpdateError};
 pub use reference::{
-    Bootstrap, Clipping, Decay, LossOf, Mask, Optimizer, Penalty, Predicted, Reached, Reduction, Reference,
+    Clipping, Decay, LossOf, Mask, NextValue, Optimizer, Penalty, Predicted, Reached, Reduction, Reference,
     Reward, Targets, Variant,
 };
 pub use rounding::Number;
-pub use verdict::{Explained, Judged, Progress, State, Verdict, check, check_with};
+pub use verdict::{Explained, Judged, QuantityState, Verdict, check, check_with};

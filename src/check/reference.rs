@@ -18,7 +18,7 @@ pub struct Variant {
     pub mask: Mask,
     /// Where the mask is 0 the reward is lost as well.
     pub reward_is_masked: bool,
-    pub bootstrap: Bootstrap,
+    pub bootstrap: NextValue,
     /// The online network values s′; right only where there is no target network.
     pub from_online: bool,
     /// s takes the place of s′.
@@ -70,7 +70,7 @@ pub enum Mask {
 
 /// The value of the next observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Bootstrap {
+pub enum NextValue {
     Max,
     Double,
     DoubleExchanged,
@@ -166,7 +166,7 @@ impl Variant {
             discounted: 1,
             mask: Mask::Terminated,
             reward_is_masked: false,
-            bootstrap: if settings.double { Bootstrap::Double } else { Bootstrap::Max },
+            bootstrap: if settings.double { NextValue::Double } else { NextValue::Max },
             from_online: update.target.is_none(),
             from_current: false,
             loss: Penalty::Known(settings.loss),
@@ -264,7 +264,7 @@ impl<'a> Reference<'a> {
             if variant.from_current { self.target_of_current() } else { self.target_of_next.as_ref() };
         let q_target = of_target.map_or(q_online, Pass::q);
         let q = if variant.from_online { q_online } else { q_target };
-        let of_batch = variant.bootstrap == Bootstrap::MaxOfBatch;
+        let of_batch = variant.bootstrap == NextValue::MaxOfBatch;
         let largest = of_batch.then(|| (0..q.value.nrows()).flat_map(|row| [(row, argmax(q, row))]));
         let largest = largest.and_then(|mut places| {
             let first = places.next()?;
@@ -273,33 +273,33 @@ impl<'a> Reference<'a> {
         let (mut values, mut places, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
         for sample in 0..batch.rewards.len() {
             let chosen = match variant.bootstrap {
-                Bootstrap::Max | Bootstrap::Index => vec![(sample, argmax(q, sample))],
-                Bootstrap::Double => vec![(sample, argmax(q_online, sample))],
-                Bootstrap::DoubleExchanged => vec![(sample, argmax(q_target, sample))],
-                Bootstrap::Taken => vec![(sample, batch.actions[sample])],
-                Bootstrap::Mean => (0..q.value.ncols()).map(|action| (sample, action)).collect(),
-                Bootstrap::Min => vec![(sample, argmin(q, sample))],
-                Bootstrap::MaxOfBatch => largest.into_iter().collect(),
+                NextValue::Max | NextValue::Index => vec![(sample, argmax(q, sample))],
+                NextValue::Double => vec![(sample, argmax(q_online, sample))],
+                NextValue::DoubleExchanged => vec![(sample, argmax(q_target, sample))],
+                NextValue::Taken => vec![(sample, batch.actions[sample])],
+                NextValue::Mean => (0..q.value.ncols()).map(|action| (sample, action)).collect(),
+                NextValue::Min => vec![(sample, argmin(q, sample))],
+                NextValue::MaxOfBatch => largest.into_iter().collect(),
             };
-            let valued = if variant.bootstrap == Bootstrap::DoubleExchanged { q_online } else { q };
+            let valued = if variant.bootstrap == NextValue::DoubleExchanged { q_online } else { q };
             let mut next = Number::exact(0.0);
             for &(row, action) in &chosen {
                 next += valued.get(row, action).scaled(1.0 / chosen.len() as f64);
             }
             let chooser = match variant.bootstrap {
-                Bootstrap::Double => Some(q_online),
-                Bootstrap::DoubleExchanged => Some(q_target),
+                NextValue::Double => Some(q_online),
+                NextValue::DoubleExchanged => Some(q_target),
                 _ => None,
             };
             if let Some(chooser) = chooser {
                 next.may_be_off_by(choice_doubt(chooser, valued, sample));
             }
-            if variant.bootstrap == Bootstrap::Index {
+            if variant.bootstrap == NextValue::Index {
                 next = Number::exact(chosen[0].1 as f64);
             }
             let slope = batch.discounts[sample].powi(variant.discounted) * self.mask(variant, sample);
             values.push(self.target(variant, sample, slope, next));
-            slopes.push(if variant.bootstrap == Bootstrap::Index { 0.0 } else { slope });
+            slopes.push(if variant.bootstrap == NextValue::Index { 0.0 } else { slope });
             places.push(chosen);
         }
         Targets { values, places, slopes }

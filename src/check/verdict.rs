@@ -21,9 +21,6 @@ const KEPT: usize = 3;
 /// Most parameters of which several threads have gradients at the same time.
 const MAX_PARALLEL: usize = 1 << 22;
 
-/// Hears how many of the candidates for a quantity have been tried, and how many there are.
-pub type Progress<'a> = dyn Fn(Stage, usize, usize) + Sync + 'a;
-
 /// What is to be said of an update.
 #[derive(Debug, Serialize)]
 pub struct Verdict {
@@ -49,7 +46,7 @@ pub struct Judged {
     /// Which.
     pub name: Stage,
     /// What it is, given the mistakes of the quantities before it.
-    pub state: State,
+    pub state: QuantityState,
     /// Its largest difference as a share of its largest number; none if it is absent.
     pub largest_relative_difference: Option<f64>,
     /// How many of its numbers differ.
@@ -61,7 +58,7 @@ pub struct Judged {
 /// See [`Judged`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum QuantityState {
     /// The file does not hold it.
     Absent,
     /// It agrees.
@@ -115,8 +112,8 @@ pub fn check(update: &Update) -> Verdict {
     check_with(update, &|_, _, _| ())
 }
 
-/// As [`check`], and tells how far it is.
-pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
+/// As [`check`], and tells `progress` how many of the candidates for a quantity have been tried, and how many there are.
+pub fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> Verdict {
     let search = Search {
         update,
         reference: Reference::new(update),
@@ -131,14 +128,14 @@ pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
         takes_their_targets: false,
         takes_their_gradients: false,
     }];
-    let (mut quantities, mut left_out, mut norm_clipping) = (Vec::new(), LeftOut::default(), None);
+    let (mut quantities, mut left_out, mut norm_clipping) = (Vec::new(), Untried::default(), None);
     for stage in Stage::ALL {
         let Some(theirs) = search.theirs(stage) else {
-            quantities.push(Judged::new(stage, State::Absent, &[], &[]));
+            quantities.push(Judged::new(stage, QuantityState::Absent, &[], &[]));
             continue;
         };
         let ours = search.compute(&hypotheses[0], stage);
-        let mut judged = Judged::new(stage, State::Different, &ours, theirs);
+        let mut judged = Judged::new(stage, QuantityState::Different, &ours, theirs);
         let mut following = search.still_reproducing(&hypotheses, &ours, stage, &mut left_out);
         if following.is_empty() {
             following = search.explain(&hypotheses, stage, &mut left_out);
@@ -151,11 +148,11 @@ pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
                 }
             }
             Some(first) if first.mistakes.iter().any(|explained| explained.quantity == stage) => {
-                judged.state = State::Explained;
+                judged.state = QuantityState::Explained;
                 hypotheses = following;
             }
             Some(first) => {
-                judged = Judged::new(stage, State::Equal, &search.compute(first, stage), theirs);
+                judged = Judged::new(stage, QuantityState::Equal, &search.compute(first, stage), theirs);
                 hypotheses = following;
                 // Where two actions are equally good, theirs may have the value of the other one.
                 for hypothesis in &mut hypotheses {
@@ -163,16 +160,18 @@ pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
                 }
             }
         }
-        if stage >= Stage::Gradients && judged.state != State::Different {
+        if stage >= Stage::Gradients && judged.state != QuantityState::Different {
             norm_clipping = norm_clipping.or_else(|| search.norm_clipping(&hypotheses[0], stage));
         }
         quantities.push(judged);
     }
-    let is_unexplained = quantities.iter().any(|quantity| quantity.state == State::Different);
+    let is_unexplained = quantities.iter().any(|quantity| quantity.state == QuantityState::Different);
     let not_visible =
         if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0], &mut left_out) };
     Verdict {
-        equal: quantities.iter().all(|quantity| matches!(quantity.state, State::Absent | State::Equal)),
+        equal: quantities
+            .iter()
+            .all(|quantity| matches!(quantity.state, QuantityState::Absent | QuantityState::Equal)),
         not_visible,
         explanations: hypotheses
             .iter()
@@ -188,12 +187,12 @@ pub fn check_with(update: &Update, progress: &Progress) -> Verdict {
 
 /// What was not tried.
 #[derive(Default)]
-struct LeftOut {
+struct Untried {
     mistakes: Vec<&'static str>,
     pairs: bool,
 }
 
-impl LeftOut {
+impl Untried {
     fn add(&mut self, candidates: &[Hypothesis]) {
         for Explained { mistake, .. } in candidates.iter().filter_map(|candidate| candidate.mistakes.last()) {
             if !self.mistakes.contains(&mistake.id) {
@@ -219,7 +218,7 @@ struct Search<'a> {
     raw_gradients: Mutex<Vec<(Matrix, Arc<Vec<Number>>)>>,
     /// Products so far.
     work: AtomicU64,
-    progress: &'a Progress<'a>,
+    progress: &'a (dyn Fn(Stage, usize, usize) + Sync),
 }
 
 impl Search<'_> {
@@ -413,7 +412,7 @@ impl Search<'_> {
         &self,
         candidates: Vec<Hypothesis>,
         stage: Stage,
-        left_out: &mut LeftOut,
+        left_out: &mut Untried,
     ) -> Vec<Hypothesis> {
         let (looked_at, mut untried): (Vec<_>, Vec<_>) =
             candidates.into_iter().partition(|candidate| self.affords(self.look_work(candidate, stage)));
@@ -468,7 +467,7 @@ impl Search<'_> {
         hypotheses: &[Hypothesis],
         ours: &[Number],
         stage: Stage,
-        left_out: &mut LeftOut,
+        left_out: &mut Untried,
     ) -> Vec<Hypothesis> {
         let first = self.theirs(stage).is_none_or(|theirs| all_agree(ours, theirs));
         let others = self.reproducing(hypotheses[1..].to_vec(), stage, left_out);
@@ -476,7 +475,7 @@ impl Search<'_> {
     }
 
     /// The hypotheses with the fewest changes that give their numbers.
-    fn explain(&self, hypotheses: &[Hypothesis], stage: Stage, left_out: &mut LeftOut) -> Vec<Hypothesis> {
+    fn explain(&self, hypotheses: &[Hypothesis], stage: Stage, left_out: &mut Untried) -> Vec<Hypothesis> {
         let without: Vec<_> =
             hypotheses.iter().flat_map(|hypothesis| self.without_one(hypothesis, stage)).collect();
         let with_one =
@@ -489,9 +488,9 @@ impl Search<'_> {
             }
         }
         let pairs = hypotheses.iter().flat_map(|base| self.with_two(base, stage)).collect();
-        let mut untried = LeftOut::default();
-        let mut found = self.reproducing(pairs, stage, &mut untried);
-        left_out.pairs |= !untried.mistakes.is_empty();
+        let mut pairs_left_out = Untried::default();
+        let mut found = self.reproducing(pairs, stage, &mut pairs_left_out);
+        left_out.pairs |= !pairs_left_out.mistakes.is_empty();
         found.truncate(MAX_EXPLANATIONS);
         found
     }
@@ -546,7 +545,7 @@ impl Search<'_> {
     }
 
     /// The mistakes that would change none of the quantities given.
-    fn not_visible(&self, hypothesis: &Hypothesis, left_out: &mut LeftOut) -> Vec<String> {
+    fn not_visible(&self, hypothesis: &Hypothesis, left_out: &mut Untried) -> Vec<String> {
         let given = |stage: &Stage| self.theirs(*stage).is_some();
         let Some(last) = Stage::ALL.into_iter().rfind(given) else { return Vec::new() };
         let mistakes = CATALOGUE.iter().filter(|mistake| mistake.stage <= last);
@@ -567,7 +566,7 @@ fn all_agree(ours: &[Number], theirs: &[f64]) -> bool {
 }
 
 impl Judged {
-    fn new(name: Stage, state: State, ours: &[Number], theirs: &[f64]) -> Self {
+    fn new(name: Stage, state: QuantityState, ours: &[Number], theirs: &[f64]) -> Self {
         let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
         let pairs = || ours.iter().zip(theirs);
         let difference = largest(&mut pairs().map(|(ours, theirs)| (ours.value - theirs).abs()));
@@ -576,7 +575,7 @@ impl Judged {
         Self {
             name,
             state,
-            largest_relative_difference: (state != State::Absent).then_some(relative),
+            largest_relative_difference: (state != QuantityState::Absent).then_some(relative),
             differing: pairs().filter(|(ours, theirs)| !agrees(ours, **theirs)).count(),
             numbers: theirs.len(),
         }

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::{
-    EpsilonPlace, Explained, Judged, Settings, Stage, State, Update, UpdateError, Verdict, check_with,
+    EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, UpdateError, Verdict, check_with,
 };
 use crate::text::shown;
 
@@ -91,7 +91,7 @@ fn check_in_view(update: &Update) -> Verdict {
 
 /// The last line.
 fn summary(verdict: &Verdict) -> String {
-    let unexplained = verdict.quantities.iter().filter(|quantity| quantity.state == State::Different);
+    let unexplained = verdict.quantities.iter().filter(|quantity| quantity.state == QuantityState::Different);
     let unexplained: Vec<_> = unexplained.map(|quantity| quantity.name.name()).collect();
     let known = match verdict.explanations.first().map_or(0, Vec::len) {
         0 => String::new(),
@@ -191,19 +191,19 @@ fn state(quantity: &Judged, verdict: &Verdict) -> String {
         .quantities
         .iter()
         .take_while(|other| other.name != quantity.name)
-        .any(|other| matches!(other.state, State::Explained | State::Different));
+        .any(|other| matches!(other.state, QuantityState::Explained | QuantityState::Different));
     let given = if is_given { " given the above" } else { "" };
     let differing = match quantity.numbers {
         1 => String::new(),
         numbers => format!(", {} of {numbers}", quantity.differing),
     };
     match quantity.state {
-        State::Absent => "absent".into(),
-        State::Equal => format!("equal{given} (largest relative difference {difference:.1e})"),
-        State::Explained => {
+        QuantityState::Absent => "absent".into(),
+        QuantityState::Equal => format!("equal{given} (largest relative difference {difference:.1e})"),
+        QuantityState::Explained => {
             format!("DIFFERENT{given}{differing} (largest relative difference {difference:.1e})")
         }
-        State::Different => format!(
+        QuantityState::Different => format!(
             "DIFFERENT{given}{differing} (largest relative difference {difference:.1e}), and no known mistake gives \
              these numbers"
         ),

@@ -17,7 +17,7 @@ use crate::env::{EnvironmentError, Make, Outcome, Spec};
 use crate::rng::Rng;
 use crate::run::{SavedPolicy, final_evaluation};
 use crate::text::{shown, visible};
-use crate::trainer::{Evaluation, SCORE_SEED, Score, TraceStep, evaluate, play};
+use crate::trainer::{Evaluation, SCORE_SEED, Score, evaluate, play};
 
 /// How every trace begins.
 const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
@@ -102,12 +102,12 @@ struct Origin {
 }
 
 /// One line of `--trace`.
-#[derive(Serialize)]
-struct TraceLine<'a> {
+#[derive(Default, Serialize)]
+struct TraceLine {
     episode: u64,
     seed: u64,
     step: u64,
-    state: &'a [f64],
+    state: Vec<f64>,
     action: usize,
     q_values: Vec<f32>,
     reward: f64,
@@ -321,16 +321,27 @@ fn trace_episode(
     let seed = arguments.seed + episode;
     let mut environment = (task.make)(task.max_steps)?;
     let mut played = Played::default();
-    played.discounted = play(actor, &mut *environment, seed, |traced| {
-        let Outcome { reward, terminated, truncated } = traced.outcome;
-        if traced.step < u64::from(task.spec.max_steps) {
-            played.total += reward;
+    let mut line: Option<TraceLine> = None;
+    play(actor, &mut *environment, seed, |moment| {
+        if let (Some(line), Some(outcome)) = (line.take(), moment.outcome) {
+            let Outcome { reward, terminated, truncated } = outcome;
+            played.count(outcome, task.spec.max_steps.into(), 1.0);
+            let line = TraceLine { reward, terminated, truncated, ..line };
+            serde_json::to_writer(&mut *file, &line).map_err(io::Error::from)?;
+            file.write_all(b"\n")?;
         }
-        (played.steps, played.terminated) = (traced.step + 1, terminated);
-        let TraceStep { step, state, action, q_values, .. } = traced;
-        let line = TraceLine { episode, seed, step, state, action, q_values, reward, terminated, truncated };
-        serde_json::to_writer(&mut *file, &line).map_err(io::Error::from)?;
-        file.write_all(b"\n").map_err(PlayError::from)
+        let (state, step) = (moment.state(), moment.step);
+        let q_values = moment.q_values;
+        line = moment.action.map(|action| TraceLine {
+            episode,
+            seed,
+            step,
+            state,
+            action,
+            q_values,
+            ..TraceLine::default()
+        });
+        Ok::<_, PlayError>(true)
     })?;
     Ok(played)
 }

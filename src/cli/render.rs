@@ -14,7 +14,7 @@ use crate::env::scene::Scene;
 use crate::env::{Environment, EnvironmentError};
 use crate::run::SavedPolicy;
 use crate::text::shown;
-use crate::trainer::{self, Frame, SCORE_SEED, record};
+use crate::trainer::{Frame, SCORE_SEED, play, record};
 
 /// Draw an episode of a trained policy as an animated picture.
 ///
@@ -132,14 +132,18 @@ fn write_film(
     let (seed, steps) = (arguments.seed, arguments.steps.unwrap_or(u64::MAX));
     let mut result = Ok(0);
     let is_read = output.write(|file| {
-        let (mut out, mut film) = (Some(file), None);
-        result = trainer::film(&mut policy.greedy(1), environment, seed, steps, |image, is_last| {
-            let image = image.ok_or(NoFilm::NoFrame)?;
+        let (mut out, mut film, mut drawn) = (Some(file), None, 0);
+        let played = play(&mut policy.greedy(1), environment, seed, |moment| {
+            let is_last = moment.action.is_none() || moment.step == steps;
+            let image = moment.environment.image()?.ok_or(NoFilm::NoFrame)?;
+            drawn = moment.step;
             if let Some(out) = out.take() {
                 film = Some(Film::new(out, &image, rate)?);
             }
-            Ok(film.iter_mut().try_for_each(|film| film.add(&image, is_last))?)
+            film.iter_mut().try_for_each(|film| film.add(&image, is_last))?;
+            Ok(!is_last)
         });
+        result = played.map(|()| drawn);
         match &mut result {
             Err(NoFilm::Write(error)) => Err(io::Error::new(error.kind(), error.to_string())),
             Err(other) => Err(io::Error::other(other.to_string())),

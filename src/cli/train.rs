@@ -13,7 +13,7 @@ use super::ui::{Failure, cannot_write, check_out, note, print, print_json, progr
 use crate::config::{Config, MAX_BYTES};
 use crate::env::Spec;
 use crate::files::read_text_limited;
-use crate::run::{Ended, Record, Recorder, Resumed, RunDir, Started, resume, start};
+use crate::run::{EndedRun, Recorder, Resumed, RunDir, RunRecord, Started, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::{shell_word, shown};
 use crate::trainer::{Budget, EndReason, Evaluation, Fanout, Summary, TrainError, Trainer};
@@ -145,7 +145,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
             });
         }
     };
-    let record = Record::new(&run, &trainer, reason, seconds);
+    let record = RunRecord::new(&run, &trainer, reason, seconds);
     // The summary is also printed when it cannot be saved.
     let saved = run.write_json(&run.summary(), &record);
     drop(observers);
@@ -159,7 +159,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
 
 /// As far as a run came that has not ended.
 fn unended(run: &RunDir, trainer: &Trainer, seconds: f64, end_reason: &str) -> serde_json::Value {
-    let mut record = json!(Record::new(run, trainer, EndReason::Budget, seconds));
+    let mut record = json!(RunRecord::new(run, trainer, EndReason::Budget, seconds));
     record["end_reason"] = json!(end_reason);
     record
 }
@@ -273,7 +273,7 @@ fn fitting(label: &str, value: &str) -> String {
     }
 }
 
-fn describe(record: &Record, trainer: &Trainer, run: &RunDir, allowance: &str) -> String {
+fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str) -> String {
     let Summary {
         env_steps, episodes, updates, seed, wall_seconds, best_evaluation, final_evaluation, ..
     } = record.summary;
@@ -332,7 +332,7 @@ fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &Spec) -> String 
 }
 
 /// What trains a run on that has ended, or a new run like it that does not end where it did.
-fn extending_command(Ended { dir, config, sets, can_resume, .. }: &Ended) -> String {
+fn extending_command(EndedRun { dir, config, sets, can_resume, .. }: &EndedRun) -> String {
     let sets: String = sets.iter().map(|set| format!(" --set {}", shell_word(set))).collect();
     if *can_resume {
         return resume_command(dir, config) + &sets;

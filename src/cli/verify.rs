@@ -10,7 +10,7 @@ use super::signals::Signals;
 use super::ui::{Failure, print};
 use crate::files::temporary_directory;
 use crate::run::{
-    Extent, Record, RunDir, compare_files, compare_summaries, first_step, load, read_summary, start_again,
+    Extent, RunDir, RunRecord, compare_files, compare_summaries, first_step, load, read_summary, start_again,
 };
 use crate::sink::Console;
 use crate::text::shown;
@@ -75,7 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     drop(observers);
     let mut differences = compare_files(&run, &again, &extent)?;
     if let Some(recorded) = summary {
-        differences.extend(compare_summaries(recorded, &Record::new(&again, &trainer, reason, 0.0)));
+        differences.extend(compare_summaries(recorded, &RunRecord::new(&again, &trainer, reason, 0.0)));
     }
     report(&differences, &extent, arguments)
 }

@@ -3,8 +3,7 @@
 use serde_json::json;
 
 use super::keys::SCALE;
-use super::layer::invalid;
-use super::{AgentMemory, AgentRules, Config, ConfigError, MAX_MEMORY};
+use super::{AgentMemory, AgentRules, Config, MAX_MEMORY, Rule, mirror_rule};
 use crate::agent::{
     DqnConfig, Exploration, LearnConfig, PolicyWeights, ReplayConfig, TargetUpdate, UpdateMode,
 };
@@ -46,27 +45,52 @@ pub(super) fn default() -> DqnConfig {
 }
 
 impl AgentRules for DqnConfig {
-    fn check(&self, config: &Config, origin: &str) -> Result<(), ConfigError> {
-        check(config, self, origin)
+    fn rules(&self, config: &Config) -> Vec<Rule> {
+        let AgentMemory { replay, learned, batch, .. } = config.memory();
+        let memory = replay + learned + batch;
+        let ReplayConfig { capacity, batch_size, warmup_steps, .. } = self.replay;
+        let every = self.learn.every_steps;
+        // The learning step in which the memory holds enough; the warm-up alone would leave nothing to train.
+        let first_update = warmup_steps.max(batch_size as u64).checked_next_multiple_of(every);
+        let least_steps = first_update.unwrap_or(u64::MAX).max(warmup_steps.saturating_add(1));
+        let steps = if let Budget::Steps(steps) = config.budget { steps } else { u64::MAX };
+        let enough = format!(
+            "at least {least_steps}, or nothing is learned (`replay.warmup_steps` is {warmup_steps}, \
+             `replay.batch_size` {batch_size}, `learn.every_steps` {every})"
+        );
+        let weights = format!(
+            "\"online\"; \"target\" only if `target.kind` is \"soft\", and `target` is {}",
+            json!(self.target)
+        );
+        let smaller = format!(
+            "smaller layers: with `replay.batch_size` {batch_size} and `replay.capacity` {capacity} the run would take \
+             about {} GiB of memory; at most {} are allowed",
+            memory.div_ceil(1 << 30),
+            MAX_MEMORY >> 30
+        );
+        let at_most = format!("at most `replay.capacity`, which is {capacity}");
+        let is_online = self.policy_weights == PolicyWeights::Online;
+        let is_soft = matches!(self.target, TargetUpdate::Soft { .. });
+        vec![
+            (batch_size <= capacity, "replay.batch_size", json!(batch_size), at_most),
+            (steps >= least_steps, "budget.steps", json!(steps), enough),
+            (is_online || is_soft, "policy_weights", json!(self.policy_weights), weights),
+            (memory <= MAX_MEMORY, "network.hidden", json!(self.network.hidden), smaller),
+        ]
     }
 
-    fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
-        let size = task.observation_size;
-        match &self.observation_divisors {
-            Some(divisors) if divisors.len() != size => {
-                let allowed = format!(
-                    "null or a list with {SCALE} for each of the {size} observation coordinates of {}; each task has a config \
-                     of its own in configs/",
-                    task.id
-                );
-                Err(invalid(origin, "observation_divisors", &json!(divisors), allowed))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    fn mirrored(&self) -> Option<&'static str> {
-        self.replay.mirror.then_some("replay.mirror")
+    fn task_rules(&self, task: &Spec) -> Vec<Rule> {
+        let (size, divisors) = (task.observation_size, &self.observation_divisors);
+        let fits = divisors.as_ref().is_none_or(|divisors| divisors.len() == size);
+        let allowed = format!(
+            "null or a list with {SCALE} for each of the {size} observation coordinates of {}; each task has a config of its \
+             own in configs/",
+            task.id
+        );
+        vec![
+            (fits, "observation_divisors", json!(divisors), allowed),
+            mirror_rule("replay.mirror", self.replay.mirror, task),
+        ]
     }
 
     fn memory(&self, observation_size: usize, num_actions: usize) -> AgentMemory {
@@ -88,54 +112,5 @@ impl AgentRules for DqnConfig {
             "`replay.capacity` {}, `replay.batch_size` {} and `network.hidden` {:?}",
             replay.capacity, replay.batch_size, network.hidden
         )
-    }
-}
-
-fn check(config: &Config, dqn: &DqnConfig, origin: &str) -> Result<(), ConfigError> {
-    let AgentMemory { replay, learned, batch, .. } = config.memory();
-    let memory = replay + learned + batch;
-    let ReplayConfig { capacity, batch_size, warmup_steps, .. } = dqn.replay;
-    let every = dqn.learn.every_steps;
-    // The learning step in which the memory holds enough; the warm-up alone would leave nothing to train.
-    let first_update = warmup_steps.max(batch_size as u64).checked_next_multiple_of(every);
-    let least_steps = first_update.unwrap_or(u64::MAX).max(warmup_steps.saturating_add(1));
-    let steps = if let Budget::Steps(steps) = config.budget { steps } else { u64::MAX };
-
-    let enough = format!(
-        "at least {least_steps}, or nothing is learned (`replay.warmup_steps` is {warmup_steps}, \
-         `replay.batch_size` {batch_size}, `learn.every_steps` {every})"
-    );
-    let rules = [
-        (
-            batch_size <= capacity,
-            "replay.batch_size",
-            json!(batch_size),
-            format!("at most `replay.capacity`, which is {capacity}"),
-        ),
-        (steps >= least_steps, "budget.steps", json!(steps), enough),
-        (
-            dqn.policy_weights == PolicyWeights::Online || matches!(dqn.target, TargetUpdate::Soft { .. }),
-            "policy_weights",
-            json!(dqn.policy_weights),
-            format!(
-                "\"online\"; \"target\" only if `target.kind` is \"soft\", and `target` is {}",
-                json!(dqn.target)
-            ),
-        ),
-        (
-            memory <= MAX_MEMORY,
-            "network.hidden",
-            json!(dqn.network.hidden),
-            format!(
-                "smaller layers: with `replay.batch_size` {batch_size} and `replay.capacity` {capacity} the run \
-                 would take about {} GiB of memory; at most {} are allowed",
-                memory.div_ceil(1 << 30),
-                MAX_MEMORY >> 30
-            ),
-        ),
-    ];
-    match rules.into_iter().find(|(holds, ..)| !holds) {
-        Some((_, key, value, allowed)) => Err(invalid(origin, key, &value, allowed)),
-        None => Ok(()),
     }
 }

@@ -53,12 +53,11 @@ pub struct ProgramConfig {
     permission: Permission,
 }
 
-/// What starts the program; none as long as nobody has allowed that.
+/// What starts the program, to play in it and to ask for its task; none as long as nobody has allowed that.
 #[derive(Clone, Default)]
-struct Permission {
-    #[cfg(all(unix, feature = "program"))]
-    programs: Option<Arc<crate::env::program::Programs>>,
-}
+struct Permission(Option<(Arc<Make>, Arc<AskTask>)>);
+
+type AskTask = dyn Fn() -> Result<Spec, EnvironmentError> + Send + Sync;
 
 impl PartialEq for Permission {
     /// A permission is no part of a config.
@@ -75,9 +74,6 @@ impl fmt::Debug for Permission {
 
 impl EnvironmentConfig {
     /// What is known of the task.
-    ///
-    /// # Errors
-    /// When a program has not been asked yet.
     pub fn spec(&self) -> Result<Spec, EnvironmentError> {
         match self {
             Self::Named(id) => Ok(id.spec()),
@@ -91,7 +87,10 @@ impl EnvironmentConfig {
     pub fn make(&self) -> Arc<Make> {
         match self.clone() {
             Self::Named(id) => Arc::new(move |max_steps| id.make(max_steps)),
-            Self::Program(program) => program.make(),
+            Self::Program(program) => match program.permission() {
+                Ok((make, _)) => Arc::clone(make),
+                Err(refusal) => Arc::new(move |_| Err(refusal.clone())),
+            },
         }
     }
 
@@ -107,13 +106,19 @@ impl EnvironmentConfig {
     #[cfg(all(unix, feature = "program"))]
     pub fn allow(&mut self, show: crate::env::program::ShowLine) {
         if let Self::Program(program) = self {
-            let timeout = std::time::Duration::from_secs(program.timeout_seconds.into());
-            program.permission.programs = Some(Arc::new(crate::env::program::Programs::new(
+            let programs = Arc::new(crate::env::program::Programs::new(
                 program.command.clone(),
                 program.processes as usize,
-                timeout,
+                std::time::Duration::from_secs(program.timeout_seconds.into()),
                 program.task.clone(),
                 show,
+            ));
+            let asked = Arc::clone(&programs);
+            program.permission = Permission(Some((
+                Arc::new(move |max_steps| {
+                    Ok(Box::new(crate::env::TimeLimit::new(programs.make()?, max_steps)))
+                }),
+                Arc::new(move || Ok(Spec::clone(&*asked.task()?))),
             )));
         }
     }
@@ -121,7 +126,8 @@ impl EnvironmentConfig {
     /// Starts a program that is allowed to, and asks it for its task.
     pub(super) fn ask(&mut self) -> Result<(), EnvironmentError> {
         if let Self::Program(program) = self {
-            program.task = Some(program.ask()?);
+            let (_, ask) = program.permission()?;
+            program.task = Some(ask()?);
         }
         Ok(())
     }
@@ -137,33 +143,9 @@ impl ProgramConfig {
         excerpt(&shell_line(&self.command), 200)
     }
 
-    fn refusal(&self) -> EnvironmentError {
-        EnvironmentError::new(&self.name(), "nobody has allowed its program to be started")
-    }
-
-    #[cfg(all(unix, feature = "program"))]
-    fn make(self) -> Arc<Make> {
-        use crate::env::TimeLimit;
-        Arc::new(move |max_steps| {
-            let programs = self.permission.programs.as_ref().ok_or_else(|| self.refusal())?;
-            Ok(Box::new(TimeLimit::new(programs.make()?, max_steps)))
-        })
-    }
-
-    #[cfg(not(all(unix, feature = "program")))]
-    fn make(self) -> Arc<Make> {
-        Arc::new(move |_| Err(self.refusal()))
-    }
-
-    #[cfg(all(unix, feature = "program"))]
-    fn ask(&self) -> Result<Spec, EnvironmentError> {
-        let programs = self.permission.programs.as_ref().ok_or_else(|| self.refusal())?;
-        Ok(Spec::clone(&*programs.task()?))
-    }
-
-    #[cfg(not(all(unix, feature = "program")))]
-    fn ask(&self) -> Result<Spec, EnvironmentError> {
-        Err(self.refusal())
+    fn permission(&self) -> Result<&(Arc<Make>, Arc<AskTask>), EnvironmentError> {
+        let refusal = || EnvironmentError::new(&self.name(), "nobody has allowed its program to be started");
+        self.permission.0.as_ref().ok_or_else(refusal)
     }
 }
 

@@ -47,24 +47,31 @@ const DQN: &str = "dqn";
 const Q_TABLE: &str = "q_table";
 const AGENTS: &[&str] = &[DQN, Q_TABLE];
 
+/// A rule between several keys, or between a key and the task: whether it holds, and the key with its value and what is allowed if
+/// it does not.
+type Rule = (bool, &'static str, Value, String);
+
 /// What is particular to the config of an agent.
 trait AgentRules {
-    /// Checks the rules that concern several of its keys.
-    fn check(&self, _config: &Config, _origin: &str) -> Result<(), ConfigError> {
-        Ok(())
+    /// The rules between several of its keys.
+    fn rules(&self, _config: &Config) -> Vec<Rule> {
+        Vec::new()
     }
 
-    /// Checks what the task decides.
-    fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError>;
-
-    /// The key that makes use of the task's mirror image, if it does.
-    fn mirrored(&self) -> Option<&'static str>;
+    /// What the task decides.
+    fn task_rules(&self, task: &Spec) -> Vec<Rule>;
 
     /// The memory that the agent takes for a task of these sizes.
     fn memory(&self, observation_size: usize, num_actions: usize) -> AgentMemory;
 
     /// The keys that decide this, with their values, for messages.
     fn sizes(&self) -> String;
+}
+
+/// The rule of the key that makes use of the task's mirror image.
+fn mirror_rule(key: &'static str, is_used: bool, task: &Spec) -> Rule {
+    let allowed = format!("false, because {} is not known to be its own mirror image", task.id);
+    (!is_used || task.mirror.is_some(), key, json!(true), allowed)
 }
 
 /// About how many bytes the large parts of an agent take.
@@ -169,17 +176,11 @@ impl Config {
 
     /// Merges the defaults, a file (its name for messages, and its text) and the `key.path=value`s of `--set`, which
     /// together are one layer. A value is JSON if it parses as JSON, or else a string.
-    ///
-    /// # Errors
-    /// The first thing that is wrong in a layer, or between layers.
     pub fn from_layers(file: Option<(&str, &str)>, sets: &[String]) -> Result<Self, ConfigError> {
         Self::variation(file, sets, &[])
     }
 
     /// As [`Self::from_layers`], with the `key.path=value`s of `--vary` in the layer of `--set`.
-    ///
-    /// # Errors
-    /// See there.
     pub fn variation(
         file: Option<(&str, &str)>,
         sets: &[String],
@@ -231,30 +232,16 @@ impl Config {
     }
 
     fn check(&self, origin: &str) -> Result<(), ConfigError> {
-        self.check_combinations(origin)?;
-        // The task of a program is checked once it is known.
-        self.environment.spec().map_or(Ok(()), |task| self.check_task(origin, &task))
-    }
-
-    fn check_combinations(&self, origin: &str) -> Result<(), ConfigError> {
         let (Exploration::PerEpisode { initial, final_, .. } | Exploration::Linear { initial, final_, .. }) =
             self.agent.exploration();
-        if final_ > initial {
-            let allowed = format!("at most `exploration.initial`, which is {}", json!(initial));
-            return Err(invalid(origin, "exploration.final", &json!(final_), allowed));
-        }
-        self.rules().check(self, origin)
-    }
-
-    /// Checks what the task decides.
-    fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
-        self.rules().check_task(origin, task)?;
-        match self.rules().mirrored() {
-            Some(key) if task.mirror.is_none() => {
-                let allowed = format!("false, because {} is not known to be its own mirror image", task.id);
-                Err(invalid(origin, key, &json!(true), allowed))
-            }
-            _ => Ok(()),
+        let allowed = format!("at most `exploration.initial`, which is {}", json!(initial));
+        let mut rules = vec![(final_ <= initial, "exploration.final", json!(final_), allowed)];
+        rules.extend(self.rules().rules(self));
+        // The task of a program is checked once it is known.
+        rules.extend(self.environment.spec().map_or(Vec::new(), |task| self.rules().task_rules(&task)));
+        match rules.into_iter().find(|(holds, ..)| !holds) {
+            Some((_, key, value, allowed)) => Err(invalid(origin, key, &value, allowed)),
+            None => Ok(()),
         }
     }
 
@@ -265,13 +252,10 @@ impl Config {
         }
     }
 
-    /// The size of an observation and the number of actions; the smallest as long as nothing is known of the task.
-    fn sizes(&self) -> (usize, usize) {
-        self.environment.spec().map_or((1, 1), |task| (task.observation_size, task.num_actions))
-    }
-
+    /// The memory that the agent takes; for the smallest task as long as nothing is known of the task.
     fn memory(&self) -> AgentMemory {
-        let (observation_size, num_actions) = self.sizes();
+        let sizes = self.environment.spec().map(|task| (task.observation_size, task.num_actions));
+        let (observation_size, num_actions) = sizes.unwrap_or((1, 1));
         self.rules().memory(observation_size, num_actions)
     }
 
@@ -309,17 +293,11 @@ impl Config {
     }
 
     /// The run in its own environment, before its first step.
-    ///
-    /// # Errors
-    /// When the environment cannot be made.
     pub fn make_trainer(&self) -> Result<Trainer, EnvironmentError> {
         self.make_trainer_in(self.make())
     }
 
     /// The run in the environment that `make` makes, before its first step.
-    ///
-    /// # Errors
-    /// When that environment cannot be made.
     pub fn make_trainer_in(&self, make: Arc<Make>) -> Result<Trainer, EnvironmentError> {
         Trainer::new(self.trainer(), |spec| self.make_agent(spec), make)
     }
@@ -342,17 +320,11 @@ impl Config {
 }
 
 /// Reads a config file of at most 1 MiB.
-///
-/// # Errors
-/// The file cannot be opened or read, is larger, or is not UTF-8.
 pub fn read_file(path: &Path) -> Result<String, ConfigError> {
     File::open(path).and_then(read).map_err(|source| ConfigError::Read { path: path.into(), source })
 }
 
 /// Reads the text of a config of at most 1 MiB.
-///
-/// # Errors
-/// It cannot be read, is larger, or is not UTF-8.
 pub fn read(source: impl Read) -> io::Result<String> {
     let mut bytes = Vec::new();
     source.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;

@@ -2,8 +2,7 @@
 
 use serde_json::json;
 
-use super::layer::invalid;
-use super::{AgentMemory, AgentRules, ConfigError};
+use super::{AgentMemory, AgentRules, Rule, mirror_rule};
 use crate::agent::{AgentConfig, Bins, DqnConfig, QTableConfig, TableConfig};
 use crate::env::Spec;
 use crate::nn::LearningRate;
@@ -29,61 +28,45 @@ pub(super) fn default(dqn: &DqnConfig) -> AgentConfig {
 }
 
 impl AgentRules for QTableConfig {
-    fn check_task(&self, origin: &str, task: &Spec) -> Result<(), ConfigError> {
-        check(&self.table, origin, task)
+    fn task_rules(&self, task: &Spec) -> Vec<Rule> {
+        let TableConfig { bins, low, high, mirror, .. } = &self.table;
+        let size = task.observation_size;
+        let names = task.observations.join(", ");
+        let each = format!("a list with one entry for each of the {size} observation coordinates ({names})");
+        let mut rules = vec![
+            (bins.len() == size, "table.bins", json!(bins), each.clone()),
+            (low.len() == size, "table.low", json!(low), each.clone()),
+            (high.len() == size, "table.high", json!(high), each),
+        ];
+        if rules.iter().any(|(fits, ..)| !fits) {
+            return rules;
+        }
+        let fewer = format!("fewer cells: the table would take more than {} GiB of memory", MAX_BYTES >> 30);
+        let is_small = self.memory(size, task.num_actions).learned <= MAX_BYTES;
+        rules.push((is_small, "table.bins", json!(bins), fewer));
+        for (k, edges) in self.table.edges().iter().enumerate().filter(|_| is_small) {
+            let (key, value, allowed) = match bins[k] {
+                Bins::Edges(_) => ("table.bins", json!(bins), format!("edges of coordinate {k} that ascend")),
+                Bins::Equal(count) => {
+                    let room =
+                        format!("below `table.high` in coordinate {k}, with room for {count} cells in f32");
+                    ("table.low", json!(low), room)
+                }
+            };
+            rules.push((edges.is_sorted_by(|a, b| a < b), key, value, allowed));
+        }
+        rules.push(mirror_rule("table.mirror", *mirror, task));
+        rules
     }
 
-    fn mirrored(&self) -> Option<&'static str> {
-        self.table.mirror.then_some("table.mirror")
-    }
-
+    /// About: the values and visits of the table, in the agent and in the best policy.
     fn memory(&self, _: usize, num_actions: usize) -> AgentMemory {
-        AgentMemory { learned: bytes(&self.table, num_actions), ..AgentMemory::default() }
+        let count = |cells: u64, bins: &Bins| cells.saturating_mul(bins.count() as u64);
+        let cells = self.table.bins.iter().fold(1, count);
+        AgentMemory { learned: cells.saturating_mul(24 * num_actions as u64), ..AgentMemory::default() }
     }
 
     fn sizes(&self) -> String {
         format!("`table.bins` {}", json!(self.table.bins))
     }
-}
-
-/// About how many bytes a table takes: its values and visits, in the agent and in the best policy.
-fn bytes(table: &TableConfig, num_actions: usize) -> u64 {
-    let cells = table.bins.iter().fold(1, |cells: u64, bins| cells.saturating_mul(bins.count() as u64));
-    cells.saturating_mul(24 * num_actions as u64)
-}
-
-fn check(table: &TableConfig, origin: &str, task: &Spec) -> Result<(), ConfigError> {
-    let TableConfig { bins, low, high, .. } = table;
-    let size = task.observation_size;
-    let names = task.observations.join(", ");
-    let lists = [
-        ("table.bins", bins.len(), json!(bins)),
-        ("table.low", low.len(), json!(low)),
-        ("table.high", high.len(), json!(high)),
-    ];
-    if let Some((key, _, value)) = lists.iter().find(|(_, length, _)| *length != size) {
-        let allowed =
-            format!("a list with one entry for each of the {size} observation coordinates ({names})");
-        return Err(invalid(origin, key, value, allowed));
-    }
-    if bytes(table, task.num_actions) > MAX_BYTES {
-        let allowed =
-            format!("fewer cells: the table would take more than {} GiB of memory", MAX_BYTES >> 30);
-        return Err(invalid(origin, "table.bins", &json!(bins), allowed));
-    }
-    for (k, edges) in table.edges().iter().enumerate() {
-        if edges.is_sorted_by(|a, b| a < b) {
-            continue;
-        }
-        let (key, value, allowed) = match bins[k] {
-            Bins::Edges(_) => ("table.bins", json!(bins), format!("edges of coordinate {k} that ascend")),
-            Bins::Equal(count) => {
-                let allowed =
-                    format!("below `table.high` in coordinate {k}, with room for {count} cells in f32");
-                ("table.low", json!(low), allowed)
-            }
-        };
-        return Err(invalid(origin, key, &value, allowed));
-    }
-    Ok(())
 }

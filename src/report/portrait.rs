@@ -192,7 +192,7 @@ impl Cells {
 }
 
 impl Episode {
-    fn new(Recording { frames, total, end }: &Recording, ending: &'static str) -> Self {
+    fn new(Recording { frames, total, terminated }: &Recording, ending: &'static str) -> Self {
         let coordinates = frames.first().map_or(0, |frame| frame.state.len());
         let coordinate = |i: usize| frames.iter().map(|frame| rounded(frame.state[i])).collect();
         let scenes: Vec<_> = frames.iter().filter_map(|frame| frame.scene.clone()).collect();
@@ -204,7 +204,7 @@ impl Episode {
             actions: frames.iter().filter_map(|frame| frame.action).collect(),
             q_values: frames.iter().filter(|frame| frame.action.is_some()).map(values).collect(),
             total: rounded(*total),
-            ending: if end.terminated { ending } else { "" },
+            ending: if *terminated { ending } else { "" },
         }
     }
 }

@@ -50,9 +50,9 @@ struct Sealed<'a, H> {
     header: &'a H,
 }
 
-/// What must be read first of a header.
+/// The part of a header that is read first.
 #[derive(Deserialize)]
-struct Found {
+struct Seal {
     format_version: u32,
     sha256: Option<String>,
 }
@@ -99,9 +99,6 @@ pub enum CheckpointProblem {
 
 impl Checkpoint {
     /// A checkpoint with a header and no tensors yet.
-    ///
-    /// # Errors
-    /// When JSON cannot express the header.
     pub fn new(header: &impl Serialize) -> io::Result<Self> {
         let sealed = Sealed { format_version: FORMAT_VERSION, sha256: NO_SHA256, header };
         Ok(Self { tensors: Tensors::default(), metadata: Some(serde_json::to_string(&sealed)?) })
@@ -109,17 +106,11 @@ impl Checkpoint {
 
     /// Reads a file whole. A file that cannot be one is refused by its size and its header: of what follows them nothing
     /// is read.
-    ///
-    /// # Errors
-    /// When it cannot be read, is too large, or is not a whole safetensors file.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
         Self::read_unnamed(path).map_err(|problem| CheckpointError { path: path.to_owned(), problem })
     }
 
     /// Parses the file of a run: as [`Self::read`], without the name of the file in the error.
-    ///
-    /// # Errors
-    /// See there.
     pub(super) fn read_unnamed(path: &Path) -> Result<Self, CheckpointProblem> {
         check_header(path)?;
         let bytes = read_limited(path, MAX_FILE_SIZE).map_err(CheckpointProblem::Unreadable)?;
@@ -147,9 +138,6 @@ impl Checkpoint {
     }
 
     /// Parses the content of a file.
-    ///
-    /// # Errors
-    /// When it is not a whole safetensors file, or not as it was written.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, CheckpointProblem> {
         let damaged = |error: safetensors::SafeTensorError| no_safetensors(bytes, error.to_string());
         check_count(header_of(bytes)).map_err(CheckpointProblem::NotSafetensors)?;
@@ -168,9 +156,6 @@ impl Checkpoint {
     }
 
     /// The content of a file; equal checkpoints give equal bytes.
-    ///
-    /// # Errors
-    /// When the format cannot express it.
     pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let metadata = self.metadata.clone().map(|header| HashMap::from([(METADATA_KEY.to_owned(), header)]));
         let mut bytes = self.tensors.to_safetensors(metadata).map_err(io::Error::other)?;
@@ -189,18 +174,12 @@ impl Checkpoint {
 
     /// As [`Self::write`], below a directory and through no link. The file that was there before stays under the name
     /// `kept`.
-    ///
-    /// # Errors
-    /// See there.
     pub fn write_below(&self, directory: &Directory, path: &Path, kept: Option<&Path>) -> io::Result<()> {
         let bytes = self.to_bytes()?;
         directory.write_whole(path, kept, |file| file.write_all(&bytes))
     }
 
     /// The header.
-    ///
-    /// # Errors
-    /// When there is none, or it is of another version or damaged.
     pub fn header<H: DeserializeOwned>(&self) -> Result<H, CheckpointProblem> {
         let text = self.metadata.as_deref().ok_or(CheckpointProblem::NoHeader)?;
         self.version()?;
@@ -208,12 +187,9 @@ impl Checkpoint {
     }
 
     /// The format's version; none if another program wrote the file.
-    ///
-    /// # Errors
-    /// When this program does not know it, or the header does not say it.
     pub fn version(&self) -> Result<Option<u32>, CheckpointProblem> {
         let Some(text) = self.metadata.as_deref() else { return Ok(None) };
-        let found: Found =
+        let found: Seal =
             serde_json::from_str(text).map_err(|error| CheckpointProblem::BadHeader(error.to_string()))?;
         match found.format_version {
             FORMAT_VERSION => Ok(Some(FORMAT_VERSION)),
@@ -222,9 +198,6 @@ impl Checkpoint {
     }
 
     /// The policy: the network in the tensors without a prefix, whoever wrote them, for a task.
-    ///
-    /// # Errors
-    /// When there is none for this task, or a header names another version.
     pub fn policy(&self, spec: &Spec) -> Result<Policy, CheckpointProblem> {
         self.version()?;
         Ok(Policy::from_tensors(&self.tensors, spec.observation_size, spec.num_actions)?)
@@ -266,7 +239,7 @@ fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
 /// Whether a file is as it was written, as far as its header says. Its SHA-256 is what stands first where its digits
 /// do, whoever has sealed it and with which spaces.
 fn is_sealed(bytes: &[u8], header_length: usize, header: &str) -> bool {
-    let Ok(found) = serde_json::from_str::<Found>(header) else { return true };
+    let Ok(found) = serde_json::from_str::<Seal>(header) else { return true };
     let Some(sha256) = found.sha256 else { return false };
     let header = &bytes[..bytes.len().min(size_of::<u64>() + header_length)];
     let place = header.windows(NO_SHA256.len()).position(|window| window == sha256.as_bytes());

@@ -147,13 +147,13 @@ impl RunDir {
         let config = run.read_config()?;
         let mut files = vec![run.config(), run.about(), run.metrics(), run.summary(), run.progress()];
         files.extend([run.best(), run.last(), run.previous(), run.init()]);
+        let directories = [run.checkpoints(), run.tensorboard()];
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
-            Ok(found) if [run.checkpoints(), run.tensorboard()].contains(path) => !found.is_dir(),
+            Ok(found) if directories.contains(path) => !found.is_dir(),
             Ok(found) => !found.is_file(),
             Err(_) => false,
         };
-        let folders = [run.checkpoints(), run.tensorboard()];
-        if let Some(foreign) = files.iter().chain(&folders).find(is_foreign) {
+        if let Some(foreign) = files.iter().chain(&directories).find(is_foreign) {
             let problem = format!(
                 "holds {}, which is a link or not the kind of file that its name promises",
                 foreign.display()
@@ -226,7 +226,7 @@ impl RunDir {
                 _ => directory.remove_file(&path)?,
             }
         }
-        // The new run may have none; where it stays it is empty.
+        // Fails if the directory still holds files, which is fine.
         let _ = directory.remove_dir(&self.tensorboard());
         metrics.cut(0)?;
         // Before the config, which makes it a run: no run may lack the weights that it starts with.
@@ -238,17 +238,11 @@ impl RunDir {
     }
 
     /// Writes a value whole as indented JSON.
-    ///
-    /// # Errors
-    /// When that fails.
     pub fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
         self.directory()?.write_json(path, value)
     }
 
     /// The directory, in which nothing is reached through a link.
-    ///
-    /// # Errors
-    /// When it cannot be opened.
     pub fn directory(&self) -> io::Result<&Directory> {
         match self.directory.get() {
             Some(directory) => Ok(directory),
@@ -262,12 +256,12 @@ impl RunDir {
     /// Whether an entry is a harmless leftover of a process that was killed before it created a run.
     fn is_of_no_run(&self, entry: &DirEntry) -> bool {
         let path = entry.path();
-        let is_empty_folder = || fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_none());
+        let is_empty_directory = || fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_none());
         is_unfinished(&entry.file_name())
             || (path == self.metrics()
                 && is_ordinary(&path)
                 && entry.metadata().is_ok_and(|file| file.len() == 0))
-            || (path == self.checkpoints() && !path.is_symlink() && is_empty_folder())
+            || (path == self.checkpoints() && !path.is_symlink() && is_empty_directory())
             || (path == self.about() && is_ordinary(&path) && !self.config().exists())
     }
 
@@ -294,17 +288,17 @@ impl RunDir {
         ];
         let mut entries = Vec::new();
         let mut files = Vec::new();
-        for folder in [&self.path, &self.checkpoints(), &self.tensorboard()] {
-            if folder.is_dir() {
-                entries.extend(fs::read_dir(folder).map_err(unreadable)?);
+        for directory in [&self.path, &self.checkpoints(), &self.tensorboard()] {
+            if directory.is_dir() {
+                entries.extend(fs::read_dir(directory).map_err(unreadable)?);
             }
         }
         for entry in entries {
             let entry = entry.map_err(unreadable)?;
             let (path, name) = (entry.path(), entry.file_name());
             // A link could lead to the checkpoints of another run.
-            let is_folder = path == self.checkpoints() || path == self.tensorboard();
-            if (is_folder && !path.is_symlink() && path.is_dir())
+            let is_part = path == self.checkpoints() || path == self.tensorboard();
+            if (is_part && !path.is_symlink() && path.is_dir())
                 || (stay.contains(&path) && is_ordinary(&path))
             {
                 continue;
@@ -336,22 +330,13 @@ impl RunDir {
     pub fn path(&self) -> &Path {
         &self.path
     }
-    /// Where [`CONFIG`](super::names::CONFIG) is.
-    pub fn config(&self) -> PathBuf {
-        self.path.join(CONFIG)
-    }
-    /// Where [`ABOUT`](super::names::ABOUT) is.
-    pub fn about(&self) -> PathBuf {
-        self.path.join(ABOUT)
-    }
+
     /// What is known of the run; none of one that an earlier version has started.
     pub fn read_about(&self) -> Option<About> {
         serde_json::from_str(&read_text_limited(&self.about(), MAX_BYTES).ok()?).ok()
     }
+
     /// Keeps why the run cannot be trained any further, or that it can.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
     pub fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
         match self.read_about() {
             Some(about) if about.failed != failed => {
@@ -360,41 +345,31 @@ impl RunDir {
             _ => Ok(()),
         }
     }
-    /// Where [`METRICS`](super::names::METRICS) is.
-    pub fn metrics(&self) -> PathBuf {
-        self.path.join(METRICS)
-    }
-    /// Where [`SUMMARY`](super::names::SUMMARY) is.
-    pub fn summary(&self) -> PathBuf {
-        self.path.join(SUMMARY)
-    }
-    /// Where [`CHECKPOINTS`](super::names::CHECKPOINTS) is.
-    pub fn checkpoints(&self) -> PathBuf {
-        self.path.join(CHECKPOINTS)
-    }
-    /// Where [`PROGRESS`](super::names::PROGRESS) is.
-    pub fn progress(&self) -> PathBuf {
-        self.path.join(PROGRESS)
-    }
-    /// The weights that the run started with, where they were not drawn.
-    pub fn init(&self) -> PathBuf {
-        self.checkpoints().join(INIT)
-    }
-    /// Where [`TENSORBOARD`](super::names::TENSORBOARD) is.
-    pub fn tensorboard(&self) -> PathBuf {
-        self.path.join(TENSORBOARD)
-    }
-    /// Where [`BEST`](super::names::BEST) is.
-    pub fn best(&self) -> PathBuf {
-        self.checkpoints().join(BEST)
-    }
-    /// Where [`LAST`](super::names::LAST) is.
-    pub fn last(&self) -> PathBuf {
-        self.checkpoints().join(LAST)
-    }
-    /// Where [`PREVIOUS`](super::names::PREVIOUS) is.
-    pub fn previous(&self) -> PathBuf {
-        self.checkpoints().join(PREVIOUS)
+}
+
+/// A function for the path of each part of a run.
+macro_rules! paths {
+    ($($function:ident: $name:ident in $above:ident),* $(,)?) => {$(
+        #[doc = concat!("Where [`", stringify!($name), "`](super::names::", stringify!($name), ") is.")]
+        pub fn $function(&self) -> PathBuf {
+            self.$above().join($name)
+        }
+    )*};
+}
+
+impl RunDir {
+    paths! {
+        config: CONFIG in path,
+        about: ABOUT in path,
+        metrics: METRICS in path,
+        progress: PROGRESS in path,
+        summary: SUMMARY in path,
+        tensorboard: TENSORBOARD in path,
+        checkpoints: CHECKPOINTS in path,
+        init: INIT in checkpoints,
+        best: BEST in checkpoints,
+        last: LAST in checkpoints,
+        previous: PREVIOUS in checkpoints,
     }
 }
 
@@ -435,8 +410,8 @@ pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
 
 /// The evaluation at the end of the run that a checkpoint belongs to, as the run's summary has it, and the checkpoint of that policy.
 pub fn final_evaluation(checkpoint: &Path) -> Option<(Evaluation, PathBuf)> {
-    let folder = checkpoint.parent().filter(|folder| folder.ends_with(CHECKPOINTS))?;
-    let run = RunDir::from(folder.parent()?);
+    let checkpoints = checkpoint.parent().filter(|above| above.ends_with(CHECKPOINTS))?;
+    let run = RunDir::from(checkpoints.parent()?);
     let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;
     Some((summary.final_evaluation?, run.last()))
 }

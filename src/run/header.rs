@@ -45,9 +45,6 @@ pub fn config_of_checkpoint(config: &Config) -> Value {
 
 impl Checkpoint {
     /// The checkpoint of a run with this config.
-    ///
-    /// # Errors
-    /// See [`Self::new`].
     pub fn of_run(config: &Config, snapshot: Snapshot) -> io::Result<Self> {
         let Snapshot { env_steps, evaluation, progress, tensors } = snapshot;
         let mut header = json!(Header { env_steps, evaluation, config: config.clone(), progress });
@@ -69,9 +66,6 @@ pub struct SavedPolicy {
 
 impl SavedPolicy {
     /// The policy in a checkpoint, for a task.
-    ///
-    /// # Errors
-    /// When there is none for this task, or the header is of another version or damaged.
     pub fn of(checkpoint: &Checkpoint, spec: &Spec) -> Result<Self, CheckpointProblem> {
         let header = match checkpoint.header() {
             Err(CheckpointProblem::NoHeader) => None,

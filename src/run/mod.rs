@@ -18,8 +18,8 @@ use crate::text::shown;
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointProblem, FORMAT_VERSION, seal};
 pub use dir::{About, RunDir, checkpoint_of, final_evaluation};
 pub use header::{Header, SavedPolicy, config_of_checkpoint};
-pub use record::{Record, Recorder};
-pub use resume::{Ended, Resumed, Started, first_step, load, resume, start, start_again};
+pub use record::{Recorder, RunRecord};
+pub use resume::{EndedRun, Resumed, Started, first_step, load, resume, start, start_again};
 pub use verify::{Extent, compare_files, compare_summaries, read_summary};
 
 /// Why a run cannot be made, opened or resumed.

@@ -66,11 +66,11 @@ fn named(path: &Path, error: &io::Error) -> io::Error {
 /// Largest file of which the summary has the SHA-256, in bytes.
 const MAX_HASHED: u64 = 1 << 32;
 
-/// `summary.json`: what the run came to, and what it takes to repeat it.
+/// `summary.json`: the summary of a run, and what it takes to repeat the run.
 #[derive(Serialize)]
-pub struct Record {
+pub struct RunRecord {
+    /// The summary.
     #[serde(flatten)]
-    /// What the run came to.
     pub summary: Summary,
     /// Mean return of the last 100 training episodes, or of as many as there are.
     pub mean_return_100: Option<f64>,
@@ -86,8 +86,8 @@ pub struct Record {
     cpu_path: &'static str,
 }
 
-impl Record {
-    /// What says how the program was built and where it ran, and not what it computed.
+impl RunRecord {
+    /// Fields that may differ between equal runs.
     pub const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
 
     /// The record of a run in a directory.

@@ -35,11 +35,11 @@ pub enum Resumed {
     /// To train.
     Run(Box<Started>),
     /// Nothing: it has ended.
-    Ended(Box<Ended>),
+    Ended(Box<EndedRun>),
 }
 
 /// A run that has ended, so that there is nothing to resume.
-pub struct Ended {
+pub struct EndedRun {
     /// Its directory.
     pub dir: RunDir,
     /// Its config, with what was to be set.
@@ -75,9 +75,6 @@ pub fn start(
 }
 
 /// Makes a directory for the repetition of a run.
-///
-/// # Errors
-/// When the directory cannot be used.
 pub fn start_again(
     path: &Path,
     config: &Config,
@@ -129,9 +126,6 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
 }
 
 /// The run of a directory before its first step, and the weights that it starts with where they are not drawn.
-///
-/// # Errors
-/// When the environment cannot be made, or those weights cannot be read.
 pub fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Checkpoint>), RunError> {
     let mut trainer = config.make_trainer()?;
     let init = run.init().exists().then(|| start_from(&run.init(), &mut trainer)).transpose()?;
@@ -141,9 +135,6 @@ pub fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Chec
 /// Takes the run in a directory back to its latest good checkpoint, with everything that it has written since then cut
 /// off. `sets` may change its budget, its schedules and `stop_when_lasting_steps` to null. Nothing is changed on bad input.
 /// `permit` may allow the environment to start a program, or else says why not.
-///
-/// # Errors
-/// When the directory holds no run that can be resumed so.
 pub fn resume(
     path: &Path,
     sets: &[String],
@@ -163,7 +154,7 @@ pub fn resume(
         let is_extended = branches || trainer.is_past_budget() || config != recorded;
         let (can_resume, sets) = (reason != EndReason::Solved, what_extends(&trainer, reason, sets));
         let why = why_ended(&trainer, reason);
-        return Ok(Resumed::Ended(Box::new(Ended { dir, config, why, is_extended, sets, can_resume })));
+        return Ok(Resumed::Ended(Box::new(EndedRun { dir, config, why, is_extended, sets, can_resume })));
     }
     let events = trainer.progress().events;
     let failed = |error: io::Error| unwritable(path, error, "");
@@ -187,7 +178,7 @@ pub fn resume(
              repeats it, so `verify` refuses it"
         ));
     }
-    trainer.save_last(&mut recorder).map_err(|error| RunError::Failed(error.to_string()))?;
+    save(&mut trainer, &mut recorder)?;
     notes.extend(schedules_that_have_ended(&config, steps, config.budget != recorded.budget));
     Ok(Resumed::Run(Box::new(Started { dir, config, trainer, recorder, notes })))
 }
@@ -343,9 +334,6 @@ fn latest(run: &RunDir, config: &Config, notes: &mut Vec<String>) -> Result<(Tra
 /// The run that a checkpoint was taken of, with another budget and other schedules if the config has others. With other
 /// schedules it is a branch from here on. The checkpoint says which schedules it was trained with: the run's config may already
 /// be that of a process that was killed before it could write a checkpoint of the branch.
-///
-/// # Errors
-/// When the checkpoint cannot be read, or does not hold the state of such a run.
 pub fn load(path: &Path, config: &Config) -> Result<Trainer, CheckpointError> {
     let load = || {
         let checkpoint = Checkpoint::read_unnamed(path)?;

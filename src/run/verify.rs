@@ -7,7 +7,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::names::{BEST, LAST, PREVIOUS};
-use super::{Checkpoint, Header, Record, RunDir, RunError, bad};
+use super::{Checkpoint, Header, RunDir, RunError, RunRecord, bad};
 use crate::config::{MAX_BYTES, difference};
 use crate::files::{open_ordinary, read_limited, read_text_limited};
 use crate::tensors::sha256;
@@ -130,19 +130,14 @@ pub fn read_summary(run: &RunDir) -> Result<Value, RunError> {
 }
 
 /// What the summaries differ in, but for the circumstances of the training.
-pub fn compare_summaries(recorded: Value, repeated: &Record) -> Option<String> {
+pub fn compare_summaries(recorded: Value, repeated: &RunRecord) -> Option<String> {
     let outcome = |mut summary: Value| {
         if let Some(fields) = summary.as_object_mut() {
-            Record::CIRCUMSTANCES.iter().for_each(|field| drop(fields.remove(*field)));
+            RunRecord::CIRCUMSTANCES.iter().for_each(|field| drop(fields.remove(*field)));
         }
         summary
     };
-    let mut repeated = json!(repeated);
-    // Earlier versions did not write it.
-    if let (None, Some(fields)) = (recorded.get("mean_return_100"), repeated.as_object_mut()) {
-        fields.remove("mean_return_100");
-    }
-    let difference = difference("", &outcome(recorded), &outcome(repeated));
+    let difference = difference("", &outcome(recorded), &outcome(json!(repeated)));
     difference.map(|difference| format!("summary.json: {difference}"))
 }
 

@@ -7,7 +7,7 @@ use crate::tensors::{TensorError, Tensors};
 
 /// An environment in the middle of an episode. A checkpoint holds where the episode started and the actions since then, and
 /// not the environment: played again, they lead to the state of any deterministic environment, of another program too.
-pub(super) struct Episode {
+pub(super) struct TrainingEpisode {
     environment: Box<dyn Environment>,
     /// Start states are drawn from here.
     rng: Rng,
@@ -22,7 +22,7 @@ pub(super) struct Episode {
     pub(super) next_observation: Vec<f32>,
 }
 
-impl Episode {
+impl TrainingEpisode {
     /// The first episode of a run with this seed.
     pub(super) fn first(environment: Box<dyn Environment>, seed: u64) -> Result<Self, EnvironmentError> {
         let observation = vec![0.0; environment.spec().observation_size];

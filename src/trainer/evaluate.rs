@@ -1,6 +1,7 @@
-//! Playing episodes without learning, and what their returns amount to.
+//! Plays episodes without learning, and scores their returns.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
@@ -8,9 +9,9 @@ use std::thread;
 use serde::Serialize;
 
 use super::EVALUATION_SEED;
-use crate::agent::{Actor, Played, Policy, Probes};
+use crate::agent::{Actor, Played, Policy, Probes, Random};
 use crate::env::scene::Scene;
-use crate::env::{Environment, EnvironmentError, Image, Make, Outcome, Start};
+use crate::env::{Environment, EnvironmentError, Make, Outcome, Start};
 use crate::rng::{Rng, Stream};
 
 /// Most episodes that are played at the same time.
@@ -26,9 +27,6 @@ pub const LASTING_EPSILON: f64 = 0.05;
 ///
 /// Episodes run in lockstep, as one batch, with the same bits as one by one ([`play`]). Those of another program run one by one
 /// in each of its processes.
-///
-/// # Errors
-/// When the environment fails.
 pub fn evaluate(
     policy: &Policy,
     make: &Make,
@@ -37,19 +35,7 @@ pub fn evaluate(
     episodes: u64,
     gamma: f64,
 ) -> Result<Vec<Played>, EnvironmentError> {
-    let processes = make(max_steps)?.processes();
-    if let Some(processes) = processes {
-        return in_processes(processes, episodes, Play::Greedily, |episode| {
-            let seed = std::iter::once(first_seed.wrapping_add(episode));
-            Ok(lockstep(policy, make, max_steps, seed, gamma, Play::Greedily)?.remove(0))
-        });
-    }
-    let mut played = Vec::new();
-    for start in (0..episodes).step_by(LOCKSTEP as usize) {
-        let seeds = (start..episodes.min(start + LOCKSTEP)).map(|episode| first_seed.wrapping_add(episode));
-        played.extend(lockstep(policy, make, max_steps, seeds, gamma, Play::Greedily)?);
-    }
-    Ok(played)
+    play_all(policy, make, max_steps, (first_seed, episodes), gamma, Play::Greedily)
 }
 
 /// Whether a policy, played from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates, and none is cut
@@ -58,19 +44,8 @@ pub fn evaluate(
 /// From every second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by
 /// itself reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of
 /// the evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
-///
-/// # Errors
-/// When the environment fails.
 pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Result<bool, EnvironmentError> {
-    let test = |seeds| lockstep(policy, make, steps, seeds, 1.0, Play::AsTest);
-    let seeds = EVALUATION_SEED..EVALUATION_SEED + LASTING_EPISODES;
-    let played = match make(steps)?.processes() {
-        Some(processes) => in_processes(processes, LASTING_EPISODES, Play::AsTest, |episode| {
-            let seed = EVALUATION_SEED + episode;
-            Ok(test(seed..seed + 1)?.remove(0))
-        })?,
-        None => test(seeds)?,
-    };
+    let played = play_all(policy, make, steps, (EVALUATION_SEED, LASTING_EPISODES), 1.0, Play::AsTest)?;
     Ok(played.iter().all(|episode| !episode.terminated && episode.steps >= u64::from(steps)))
 }
 
@@ -86,6 +61,29 @@ impl Play {
     fn ends_with(self, episode: &Played) -> bool {
         self == Self::AsTest && episode.terminated
     }
+}
+
+/// Plays `episodes` episodes, from the seed `first_seed` and those after it.
+fn play_all(
+    policy: &Policy,
+    make: &Make,
+    max_steps: u32,
+    (first_seed, episodes): (u64, u64),
+    gamma: f64,
+    how: Play,
+) -> Result<Vec<Played>, EnvironmentError> {
+    let some = |episodes: Range<u64>| {
+        let seeds = episodes.map(|episode| first_seed.wrapping_add(episode));
+        lockstep(policy, make, max_steps, seeds, gamma, how)
+    };
+    if let Some(processes) = make(max_steps)?.processes() {
+        return in_processes(processes, episodes, how, |episode| Ok(some(episode..episode + 1)?.remove(0)));
+    }
+    let mut played = Vec::new();
+    for start in (0..episodes).step_by(LOCKSTEP as usize) {
+        played.extend(some(start..episodes.min(start + LOCKSTEP))?);
+    }
+    Ok(played)
 }
 
 /// Plays so many episodes, each with `play`, up to `processes` at the same time. Who plays which one changes nothing.
@@ -136,6 +134,18 @@ struct Playing {
     rng: Option<Rng>,
 }
 
+impl Played {
+    /// Counts a step, whose reward is in the return if it is one of the first `scored_steps`.
+    pub fn count(&mut self, outcome: Outcome, scored_steps: u64, discount: f64) {
+        if self.steps < scored_steps {
+            self.total += outcome.reward;
+        }
+        self.discounted += discount * outcome.reward;
+        self.steps += 1;
+        self.terminated = outcome.terminated;
+    }
+}
+
 fn lockstep(
     policy: &Policy,
     make: &Make,
@@ -182,12 +192,7 @@ fn lockstep(
                     return false;
                 }
             };
-            if played.steps < scored_steps {
-                played.total += outcome.reward;
-            }
-            played.discounted += discount * outcome.reward;
-            played.steps += 1;
-            played.terminated = outcome.terminated;
+            played.count(outcome, scored_steps, discount);
             !outcome.ended()
         });
         if let Some(error) = failed {
@@ -201,52 +206,62 @@ fn lockstep(
     Ok(played)
 }
 
-/// One step of an episode that is being played.
-#[derive(Debug)]
-pub struct TraceStep<'a> {
-    /// Steps before this one.
+/// A moment of an episode that is being played.
+pub struct Moment<'a> {
+    /// The environment.
+    pub environment: &'a mut dyn Environment,
+    /// Steps before it.
     pub step: u64,
-    /// What the environment shows before the action: its state, or else the observation.
-    pub state: &'a [f64],
-    /// The action.
-    pub action: usize,
-    /// The policy's Q-values for the observation before the action; empty if it has none.
+    /// What the agent sees.
+    pub observation: &'a [f32],
+    /// What the step before it brought; none at the start.
+    pub outcome: Option<Outcome>,
+    /// The action that is taken in it; none at the end.
+    pub action: Option<usize>,
+    /// The Q-values on which it is taken; empty at the end, and of an actor that has none.
     pub q_values: Vec<f32>,
-    /// What the action brought.
-    pub outcome: Outcome,
 }
 
-/// The environment's state, or the observation of one that shows none.
-fn state_of(environment: &dyn Environment, observation: &[f32]) -> Vec<f64> {
-    let shown = || observation.iter().map(|&value| f64::from(value)).collect();
-    environment.state().map_or_else(shown, <[f64]>::to_vec)
+impl Moment<'_> {
+    /// The environment's state, or the observation of one that shows none.
+    pub fn state(&self) -> Vec<f64> {
+        let shown = || self.observation.iter().map(|&value| f64::from(value)).collect();
+        self.environment.state().map_or_else(shown, <[f64]>::to_vec)
+    }
 }
 
-/// Plays one episode, shows every step to `watch`, and returns the undiscounted return.
+/// Plays one episode from a seed. `see` gets every moment, the end included, and says whether to play on.
 ///
 /// # Errors
-/// The first error of the environment or of `watch`, which ends the episode.
+/// The first error of the environment or of `see`, which ends the episode.
 pub fn play<X: From<EnvironmentError>>(
     actor: &mut impl Actor,
     environment: &mut dyn Environment,
     seed: u64,
-    mut watch: impl FnMut(TraceStep<'_>) -> Result<(), X>,
-) -> Result<f64, X> {
+    see: impl FnMut(Moment<'_>) -> Result<bool, X>,
+) -> Result<(), X> {
     let mut observation = vec![0.0; environment.spec().observation_size];
     environment.reset(Start::Seed(seed), &mut observation)?;
-    let mut total = 0.0;
+    play_from(actor, environment, &mut observation, see)
+}
+
+/// As [`play`], from the observation that the environment has been reset to.
+fn play_from<X: From<EnvironmentError>>(
+    actor: &mut impl Actor,
+    environment: &mut dyn Environment,
+    observation: &mut [f32],
+    mut see: impl FnMut(Moment<'_>) -> Result<bool, X>,
+) -> Result<(), X> {
+    let mut outcome: Option<Outcome> = None;
     for step in 0.. {
-        let state = state_of(environment, &observation);
-        let action = actor.act(&observation);
-        let q_values = actor.q_values();
-        let outcome = environment.step(action, &mut observation)?;
-        total += outcome.reward;
-        watch(TraceStep { step, state: &state, action, q_values, outcome })?;
-        if outcome.ended() {
-            break;
-        }
+        let goes_on = outcome.is_none_or(|outcome| !outcome.ended());
+        let action = goes_on.then(|| actor.act(observation));
+        let q_values = action.map_or_else(Vec::new, |_| actor.q_values());
+        let is_watched = see(Moment { environment, step, observation, outcome, action, q_values })?;
+        let Some(action) = action.filter(|_| is_watched) else { break };
+        outcome = Some(environment.step(action, observation)?);
     }
-    Ok(total)
+    Ok(())
 }
 
 /// An episode that has been kept.
@@ -256,8 +271,8 @@ pub struct Recording {
     pub frames: Vec<Frame>,
     /// The undiscounted return.
     pub total: f64,
-    /// The last step.
-    pub end: Outcome,
+    /// Whether the task itself ended it.
+    pub terminated: bool,
 }
 
 /// One moment of an episode.
@@ -276,60 +291,24 @@ pub struct Frame {
 }
 
 /// Plays one episode of a policy and keeps it.
-///
-/// # Errors
-/// When the environment fails.
 pub fn record(
     actor: &mut impl Actor,
     environment: &mut dyn Environment,
     seed: u64,
 ) -> Result<Recording, EnvironmentError> {
-    let mut observation = vec![0.0; environment.spec().observation_size];
-    environment.reset(Start::Seed(seed), &mut observation)?;
-    let frame = |environment: &dyn Environment, seen: &[f32], action, q_values| {
-        let (state, scene) = (state_of(environment, seen), environment.scene());
-        Frame { state, observation: seen.to_vec(), scene, action, q_values }
-    };
-    let (mut frames, mut total) = (Vec::new(), 0.0);
-    loop {
-        let action = actor.act(&observation);
-        frames.push(frame(environment, &observation, Some(action), actor.q_values()));
-        let outcome = environment.step(action, &mut observation)?;
-        total += outcome.reward;
-        if outcome.ended() {
-            frames.push(frame(environment, &observation, None, Vec::new()));
-            return Ok(Recording { frames, total, end: outcome });
-        }
-    }
+    let mut recording = Recording { frames: Vec::new(), total: 0.0, terminated: false };
+    play(actor, environment, seed, |moment| {
+        let (state, scene) = (moment.state(), moment.environment.scene());
+        let Moment { observation, outcome, action, q_values, .. } = moment;
+        recording.total += outcome.map_or(0.0, |outcome| outcome.reward);
+        recording.terminated = outcome.is_some_and(|outcome| outcome.terminated);
+        recording.frames.push(Frame { state, observation: observation.to_vec(), scene, action, q_values });
+        Ok::<_, EnvironmentError>(true)
+    })?;
+    Ok(recording)
 }
 
-/// Plays the first `steps` steps of an episode of a policy, and shows `see` the pixels of every moment and whether it is the last
-/// one; none if the environment draws nothing. Returns the steps.
-///
-/// # Errors
-/// The first error of the environment or of `see`, which ends the episode.
-pub fn film<X: From<EnvironmentError>>(
-    actor: &mut impl Actor,
-    environment: &mut dyn Environment,
-    seed: u64,
-    steps: u64,
-    mut see: impl FnMut(Option<Image>, bool) -> Result<(), X>,
-) -> Result<u64, X> {
-    let mut observation = vec![0.0; environment.spec().observation_size];
-    environment.reset(Start::Seed(seed), &mut observation)?;
-    let (mut step, mut is_last) = (0, steps == 0);
-    loop {
-        see(environment.image()?, is_last)?;
-        if is_last {
-            return Ok(step);
-        }
-        step += 1;
-        let outcome = environment.step(actor.act(&observation), &mut observation)?;
-        is_last = outcome.ended() || step == steps;
-    }
-}
-
-/// What a set of returns amounts to.
+/// A summary of returns.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Score {
     /// Number of returns, at least 1.
@@ -385,24 +364,21 @@ const PROBES: usize = 128;
 pub(super) fn probes(make: &Make, max_steps: u32) -> Result<Probes, EnvironmentError> {
     let mut probes = Probes::default();
     let mut environment = make(max_steps)?;
-    let num_actions = environment.spec().num_actions as u64;
+    let num_actions = environment.spec().num_actions;
     let mut observation = vec![0.0; environment.spec().observation_size];
     for episode in 0..PROBES as u64 {
         let mut rng = Rng::from_seed(PROBE_SEED + episode);
         environment.reset(Start::Stream(&mut rng), &mut observation)?;
-        loop {
-            if probes.ordinary.len() < PROBES {
-                probes.ordinary.push(observation.clone());
+        let (mut actor, mut before) = (Random::new(num_actions, rng), Vec::new());
+        play_from(&mut actor, &mut *environment, &mut observation, |moment| {
+            if moment.outcome.is_some_and(|outcome| outcome.terminated) {
+                probes.doomed.push(std::mem::take(&mut before));
+            } else if moment.action.is_some() && probes.ordinary.len() < PROBES {
+                probes.ordinary.push(moment.observation.to_vec());
             }
-            let before = observation.clone();
-            let outcome = environment.step(rng.below(num_actions) as usize, &mut observation)?;
-            if outcome.terminated {
-                probes.doomed.push(before);
-            }
-            if outcome.ended() {
-                break;
-            }
-        }
+            before = moment.observation.to_vec();
+            Ok::<_, EnvironmentError>(true)
+        })?;
     }
     Ok(probes)
 }

@@ -15,11 +15,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::agent::{Agent, NotFinite, Policy, Probes, Transition};
 use crate::env::{EnvironmentError, Make, Spec};
 use crate::tensors::{TensorError, Tensors};
-use episode::Episode;
+use episode::TrainingEpisode;
 
 pub use evaluate::{
-    Frame, LASTING_EPISODES, LASTING_EPSILON, Recording, Score, TraceStep, evaluate, film, lasts, play,
-    record,
+    Frame, LASTING_EPISODES, LASTING_EPSILON, Moment, Recording, Score, evaluate, lasts, play, record,
 };
 pub use event::{EndReason, Event};
 pub use observer::{CheckpointKind, DueCheckpoint, Fanout, Observer};
@@ -93,7 +92,7 @@ pub struct Trainer {
     config: TrainerConfig,
     spec: Spec,
     make: Arc<Make>,
-    episode: Episode,
+    episode: TrainingEpisode,
     agent: Box<dyn Agent>,
     progress: Progress,
     best_policy: Option<Policy>,
@@ -107,9 +106,6 @@ pub struct Trainer {
 
 impl Trainer {
     /// A run before its first step, with the agent that `make_agent` makes for the task.
-    ///
-    /// # Errors
-    /// When the environment cannot be made or reset.
     pub fn new(
         config: TrainerConfig,
         make_agent: impl FnOnce(&Spec) -> Box<dyn Agent>,
@@ -120,7 +116,7 @@ impl Trainer {
         let agent = make_agent(&spec);
         Ok(Self {
             spec,
-            episode: Episode::first(environment, config.seed)?,
+            episode: TrainingEpisode::first(environment, config.seed)?,
             config,
             make,
             agent,
@@ -163,9 +159,6 @@ impl Trainer {
     }
 
     /// One environment step and everything that is due after it.
-    ///
-    /// # Errors
-    /// See [`Self::run`].
     pub fn step(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
         let action = self.episode.action(|observation| self.agent.act(observation));
         let outcome = match self.episode.step(action) {
@@ -258,9 +251,6 @@ impl Trainer {
     }
 
     /// Offers the best policy to the observer, unless the observer has it.
-    ///
-    /// # Errors
-    /// When the observer cannot keep it.
     pub fn save_best(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
         if self.best_is_saved {
             return Ok(());
@@ -281,9 +271,6 @@ impl Trainer {
     }
 
     /// Offers a checkpoint of the run to the observer, unless there was one at this step.
-    ///
-    /// # Errors
-    /// When the observer cannot keep it.
     pub fn save_last(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
         self.save_best(observer)?;
         let (env_steps, period) = (self.progress.env_steps, self.config.checkpoint.every_steps);
@@ -317,9 +304,6 @@ impl Trainer {
 
     /// Takes a run before its first step to where another one was, with the same bits from there on. Schedules and budget
     /// are those of this run.
-    ///
-    /// # Errors
-    /// When the snapshot does not hold the state of such a run.
     pub fn resume(mut self, progress: Progress, tensors: &Tensors) -> Result<Self, ResumeError> {
         if !progress.is_possible() {
             return Err(ResumeError::Progress);
@@ -402,7 +386,7 @@ impl Trainer {
         &mut *self.agent
     }
 
-    /// What the run came to.
+    /// The summary of the run.
     pub fn summary(&self, end_reason: EndReason, wall_seconds: f64) -> Summary {
         let Progress { env_steps, episodes, updates, solved_at_step, branched_at_step, .. } = self.progress;
         Summary {

@@ -1,4 +1,4 @@
-//! The counters of a run, and what they come to.
+//! The counters of a run, and its summary.
 
 use std::collections::VecDeque;
 
@@ -133,7 +133,7 @@ impl Progress {
     }
 }
 
-/// What a run came to.
+/// The summary of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// The run's seed.

@@ -1,8 +1,8 @@
 //! `check` and `explain`: other people's updates, with and without mistakes.
 
 use cartpole_dqn::check::{
-    Batch, CATALOGUE, Moments, Number, Reference, Results, Settings, Stage, State, Update, Variant, Verdict,
-    check,
+    Batch, CATALOGUE, Moments, Number, QuantityState, Reference, Results, Settings, Stage, Update, Variant,
+    Verdict, check,
 };
 use cartpole_dqn::explain::explain;
 use cartpole_dqn::nn::{Loss, Mlp};
@@ -167,7 +167,7 @@ fn every_mistake_of_the_catalogue_is_named() {
         assert!(explanations(&verdict).contains(&vec![mistake.id]), "{}: {verdict:?}", mistake.id);
         assert!(!verdict.equal);
         let state = |stage| verdict.quantities.iter().find(|judged| judged.name == stage).unwrap().state;
-        assert_eq!(state(mistake.stage), State::Explained, "{}", mistake.id);
+        assert_eq!(state(mistake.stage), QuantityState::Explained, "{}", mistake.id);
     }
 }
 
@@ -187,7 +187,7 @@ fn a_mistake_is_named_from_the_weights_alone() {
         fill(&mut update, &variant, &[Stage::Weights]);
         let verdict = check(&update);
         assert!(explanations(&verdict).contains(&vec![id]), "{id}: {verdict:?}");
-        assert_eq!(verdict.quantities[0].state, State::Absent);
+        assert_eq!(verdict.quantities[0].state, QuantityState::Absent);
     }
 }
 
@@ -219,7 +219,7 @@ fn a_mistake_in_the_reported_number_alone_is_told_apart() {
     let verdict = check(&update);
     assert_eq!(explanations(&verdict), [["sum"]]);
     assert!(verdict.explanations[0][0].reported_only);
-    assert_eq!(verdict.quantities[2].state, State::Equal);
+    assert_eq!(verdict.quantities[2].state, QuantityState::Equal);
 }
 
 #[test]
@@ -246,7 +246,7 @@ fn numbers_that_no_known_mistake_gives_differ_and_what_follows_is_judged_from_th
         let verdict = check(&update);
         assert!(verdict.explanations.is_empty() && !verdict.equal, "{verdict:?}");
         let states: Vec<_> = verdict.quantities.iter().map(|quantity| quantity.state).collect();
-        assert_eq!(states[..2], [State::Different, State::Equal], "{verdict:?}");
+        assert_eq!(states[..2], [QuantityState::Different, QuantityState::Equal], "{verdict:?}");
     }
 }
 
@@ -310,7 +310,10 @@ fn a_large_update_that_nothing_explains_says_what_was_not_tried() {
     update.results = results;
     let verdict = check(&update);
     let states: Vec<_> = verdict.quantities.iter().map(|quantity| quantity.state).collect();
-    assert_eq!(states, [State::Absent, State::Absent, State::Different, State::Different]);
+    assert_eq!(
+        states,
+        [QuantityState::Absent, QuantityState::Absent, QuantityState::Different, QuantityState::Different]
+    );
     assert!(verdict.pairs_left_out && verdict.explanations.is_empty(), "{verdict:?}");
 }
 
@@ -466,7 +469,7 @@ fn what_is_wrong_with_a_file_is_named_with_what_is_expected() {
     sandbox.run(&["check", "nowhere.safetensors"]).code(2).stderr(predicate::str::contains("cannot be read"));
 
     let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
-    let explained = explain(&super::plain(&set), 90).unwrap();
+    let explained = cartpole_dqn::explain::explain(&super::plain(&set), 90).unwrap();
     for (name, shape, values, expected) in [
         ("result.loss", &[1][..], &[f32::NAN][..], &["`result.loss` holds NaN", "a finite number"][..]),
         ("batch.rewards", &[8], &[f32::INFINITY; 8], &["`batch.rewards` holds inf", "a finite number"]),

@@ -11,7 +11,7 @@ use cartpole_dqn::rng::{Rng, Stream};
 use cartpole_dqn::tensors::weights_sha256;
 use cartpole_dqn::trainer::{
     CheckpointKind, DueCheckpoint, EVALUATION_SEED, EndReason, Event, LASTING_EPISODES, LASTING_EPSILON,
-    Observer, Score, Snapshot, TrainError, Trainer, evaluate, lasts, play,
+    Moment, Observer, Score, Snapshot, TrainError, Trainer, evaluate, lasts, play,
 };
 
 use super::plain;
@@ -569,8 +569,13 @@ fn episodes_in_lockstep_are_the_episodes_one_by_one() {
     let mut actor = policy.greedy(1);
     let one_by_one: Vec<f64> = (0..150)
         .map(|episode| {
-            let watch = |_: cartpole_dqn::trainer::TraceStep<'_>| Ok::<_, EnvironmentError>(());
-            play(&mut actor, &mut CartPole::v1(), 9 + episode, watch).unwrap()
+            let mut total = 0.0;
+            let watch = |moment: Moment<'_>| {
+                total += moment.outcome.map_or(0.0, |outcome| outcome.reward);
+                Ok::<_, EnvironmentError>(true)
+            };
+            play(&mut actor, &mut CartPole::v1(), 9 + episode, watch).unwrap();
+            total
         })
         .collect();
     let played = evaluate(&policy, &cartpole, 500, 9, 150, 1.0).unwrap();
