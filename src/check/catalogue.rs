@@ -25,12 +25,7 @@ impl Stage {
 
     /// As it is written.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Targets => "targets",
-            Self::Loss => "loss",
-            Self::Gradients => "gradients",
-            Self::Weights => "weights",
-        }
+        ["targets", "loss", "gradients", "weights"][self as usize]
     }
 }
 

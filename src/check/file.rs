@@ -164,10 +164,8 @@ pub enum Problem {
     NoUpdate(String),
     #[error("has no tensor `{name}`; expected {expected}")]
     Missing { name: String, expected: String },
-    #[error("tensor `{name}` is {found}; expected {expected}")]
-    WrongTensor { name: String, found: String, expected: String },
-    #[error("tensor `{name}` holds {value} at position {index}; expected {expected}")]
-    WrongValue { name: String, value: f64, index: usize, expected: String },
+    #[error("tensor `{name}` {found}; expected {expected}")]
+    Wrong { name: String, found: String, expected: String },
     #[error(
         "has a tensor `{0}`, which means nothing here; expected names are `online.…`, `target.…`, `adam.…`, \
          `result.…` as in docs/check.md, and `batch.` with `observations`, `actions`, `rewards`, \
@@ -415,15 +413,9 @@ impl Remaining<'_> {
         let moment = |name, of| missing(name, &format!("Adam's {of} moment, as there is `adam.steps`"));
         let first = first.ok_or_else(|| moment("adam.m.0.weight", "first"))?;
         let second = second.ok_or_else(|| moment("adam.v.0.weight", "second"))?;
-        match second.parameters().iter().position(|&value| value < 0.0) {
-            None => Ok(Moments { steps, first, second }),
-            Some(index) => Err(Problem::WrongValue {
-                name: "adam.v.…".into(),
-                value: second.parameters()[index],
-                index,
-                expected: "a mean of squares, at least 0".into(),
-            }),
-        }
+        let is_square = |value| value >= 0.0;
+        check_values("adam.v.…", second.parameters(), is_square, "a mean of squares, at least 0")?;
+        Ok(Moments { steps, first, second })
     }
 
     fn optional(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, Problem> {
@@ -454,21 +446,28 @@ impl Remaining<'_> {
         let Some(values) = numbers(&view).filter(|_| fits) else {
             return Err(wrong(name, &view, &described()));
         };
-        match values.iter().position(|&value| !(value.is_finite() && allowed(value))) {
-            None => Ok(values),
-            Some(index) => Err(Problem::WrongValue {
-                name: name.into(),
-                value: values[index],
-                index,
-                expected: expected.into(),
-            }),
-        }
+        check_values(name, &values, allowed, expected)?;
+        Ok(values)
     }
 }
 
 fn wrong(name: &str, view: &TensorView, expected: &str) -> Problem {
-    let found = format!("{:?} {:?}", view.dtype(), view.shape());
-    Problem::WrongTensor { name: name.into(), found, expected: expected.into() }
+    let found = format!("is {:?} {:?}", view.dtype(), view.shape());
+    Problem::Wrong { name: name.into(), found, expected: expected.into() }
+}
+
+/// The first of the values that is not allowed.
+fn check_values(
+    name: &str,
+    values: &[f64],
+    allowed: impl Fn(f64) -> bool,
+    expected: &str,
+) -> Result<(), Problem> {
+    let Some(index) = values.iter().position(|&value| !(value.is_finite() && allowed(value))) else {
+        return Ok(());
+    };
+    let found = format!("holds {} at position {index}", values[index]);
+    Err(Problem::Wrong { name: name.into(), found, expected: expected.into() })
 }
 
 /// A tensor's numbers; none if it is of a type that is not read.

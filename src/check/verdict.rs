@@ -140,25 +140,21 @@ pub fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize) + Syn
         if following.is_empty() {
             following = search.explain(&hypotheses, stage, &mut left_out);
         }
-        match following.first() {
-            None => {
-                for hypothesis in &mut hypotheses {
-                    hypothesis.takes_their_targets |= stage == Stage::Targets;
-                    hypothesis.takes_their_gradients |= stage == Stage::Gradients;
-                }
-            }
-            Some(first) if first.mistakes.iter().any(|explained| explained.quantity == stage) => {
+        if let Some(first) = following.first() {
+            let is_explained = first.mistakes.iter().any(|explained| explained.quantity == stage);
+            if is_explained {
                 judged.state = QuantityState::Explained;
-                hypotheses = following;
-            }
-            Some(first) => {
+            } else {
                 judged = Judged::new(stage, QuantityState::Equal, &search.compute(first, stage), theirs);
-                hypotheses = following;
-                // Where two actions are equally good, theirs may have the value of the other one.
-                for hypothesis in &mut hypotheses {
-                    hypothesis.takes_their_targets |= stage == Stage::Targets;
-                }
             }
+            hypotheses = following;
+        }
+        for hypothesis in &mut hypotheses {
+            // Also of equal targets: where two actions are equally good, theirs may have the value of the other one.
+            hypothesis.takes_their_targets |=
+                stage == Stage::Targets && judged.state != QuantityState::Explained;
+            hypothesis.takes_their_gradients |=
+                stage == Stage::Gradients && judged.state == QuantityState::Different;
         }
         if stage >= Stage::Gradients && judged.state != QuantityState::Different {
             norm_clipping = norm_clipping.or_else(|| search.norm_clipping(&hypotheses[0], stage));

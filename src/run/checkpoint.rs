@@ -130,10 +130,7 @@ impl Checkpoint {
         if bytes.last() == Some(&b'{') {
             stream.take(MAX_FILE_SIZE).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
         }
-        if bytes.len() as u64 > MAX_FILE_SIZE {
-            let message = format!("larger than {MAX_FILE_SIZE} bytes");
-            return Err(CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
-        }
+        check_size(bytes.len() as u64)?;
         Self::from_bytes(&bytes)
     }
 
@@ -209,15 +206,20 @@ fn no_safetensors(start: &[u8], reason: String) -> CheckpointProblem {
     foreign_format(start).map_or(CheckpointProblem::NotSafetensors(reason), CheckpointProblem::Foreign)
 }
 
+fn check_size(size: u64) -> Result<(), CheckpointProblem> {
+    let too_large = || {
+        let message = format!("larger than {MAX_FILE_SIZE} bytes");
+        CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message))
+    };
+    if size > MAX_FILE_SIZE { Err(too_large()) } else { Ok(()) }
+}
+
 /// Checks the length of a file against what its header says.
 fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     const LENGTH: usize = size_of::<u64>();
     let mut file = open_ordinary(path).map_err(CheckpointProblem::Unreadable)?;
     let size = file.metadata().map_err(CheckpointProblem::Unreadable)?.len();
-    if size > MAX_FILE_SIZE {
-        let message = format!("larger than {MAX_FILE_SIZE} bytes");
-        return Err(CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message)));
-    }
+    check_size(size)?;
     let mut length = [0; LENGTH];
     file.read_exact(&mut length)
         .map_err(|_| CheckpointProblem::NotSafetensors("shorter than 8 bytes".into()))?;

@@ -15,7 +15,7 @@ use predicates::prelude::*;
 use serde_json::Value;
 
 use crate::cli::{Sandbox, TINY, sets};
-use crate::{golden, numbers};
+use crate::{golden, members, numbers};
 
 /// An update without results, in which every mistake of the catalogue can show.
 fn update(settings: Settings, steps: u64, has_target: bool) -> Update {
@@ -99,8 +99,8 @@ fn explanations(verdict: &Verdict) -> Vec<Vec<&'static str>> {
 /// The recordings of PyTorch, whose first step starts with a fresh Adam.
 #[test]
 fn golden_torch_updates_are_equal_in_all_four_quantities() {
-    let cases = golden("torch_dqn_update.json")["cases"].clone();
-    for case in cases.as_array().unwrap() {
+    let recording = golden("torch_dqn_update.json");
+    for case in members(&recording["cases"]) {
         let sizes: Vec<usize> = numbers(&case["sizes"]).iter().map(|&size| size as usize).collect();
         let network = |tensors: &Value| {
             let mut network: Mlp<f64> = Mlp::zeros(sizes.clone());
@@ -114,7 +114,7 @@ fn golden_torch_updates_are_equal_in_all_four_quantities() {
             }
             network
         };
-        let step = &case["steps"][0];
+        let step = &members(&case["steps"])[0];
         let number = |key: &str| case[key].as_f64().unwrap();
         let size = number("batch") as usize;
         let observations = |key: &str| DMatrix::from_row_slice(size, sizes[0], &numbers(&step[key]));

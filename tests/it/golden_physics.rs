@@ -25,6 +25,7 @@ fn every_transition_agrees(recording: &serde_json::Value) {
         let mut limit = CartPole::v1();
         let mut observation = [0.0; 4];
         limit.reset(Start::Seed(seed), &mut observation).unwrap();
+        assert!(!actions.is_empty() && actions.len() == states.len(), "seed {seed}");
         let befores = std::iter::once(&initial_state).chain(&states);
         for (index, ((before, after), &action)) in befores.zip(&states).zip(&actions).enumerate() {
             let mut physics = CartPole::at(*before);

@@ -49,6 +49,7 @@ impl Task {
             let mut limit = self.id.make(spec.max_steps).unwrap();
             let mut observation = vec![0.0; spec.observation_size];
             limit.reset(Start::Seed(episode.seed), &mut observation).unwrap();
+            assert!(!episode.actions.is_empty() && episode.actions.len() == episode.states.len());
             let befores = std::iter::once(&episode.initial_state).chain(&episode.states);
             for (index, (before, &action)) in befores.zip(&episode.actions).enumerate() {
                 let place = format!("{}, seed {}, step {index}", spec.id, episode.seed);

@@ -5,7 +5,7 @@ use cartpole_dqn::nn::{Activations, Adam, AdamConfig, Kernels, Loss, Mlp};
 use nalgebra::DMatrix;
 use serde_json::Value;
 
-use crate::{golden, numbers};
+use crate::{golden, members, numbers};
 
 /// A network from the tensors of a `state_dict`.
 fn network<T: Kernels>(sizes: &[usize], tensors: &Value) -> Mlp<T> {
@@ -41,8 +41,8 @@ fn assert_close<T: Kernels + Into<f64>>(ours: &[T], theirs: &[T], tolerance: f64
 
 /// Follows every recorded update with the calls that `Dqn::learn` makes.
 fn follow<T: Kernels + Into<f64>>(tolerance: f64) {
-    let cases = golden("torch_dqn_update.json")["cases"].clone();
-    for case in cases.as_array().unwrap() {
+    let recording = golden("torch_dqn_update.json");
+    for case in members(&recording["cases"]) {
         let name = format!("{} {} double={}", case["sizes"], case["loss"], case["double"]);
         let sizes: Vec<usize> = numbers(&case["sizes"]).iter().map(|&size| size as usize).collect();
         let number = |key: &str| case[key].as_f64().unwrap();
@@ -60,7 +60,7 @@ fn follow<T: Kernels + Into<f64>>(tolerance: f64) {
         let mut adam = Adam::new(config, online.parameters().len());
         let mut online_activations = Activations::new(&sizes, batch);
         let mut target_activations = Activations::new(&sizes, batch);
-        for step in case["steps"].as_array().unwrap() {
+        for step in members(&case["steps"]) {
             let rewards: Vec<T> = numbers(&step["rewards"]).into_iter().map(T::from_f64).collect();
             let terminated: Vec<bool> = serde_json::from_value(step["terminated"].clone()).unwrap();
             let actions: Vec<u8> = serde_json::from_value(step["actions"].clone()).unwrap();

@@ -69,15 +69,21 @@ fn own_recordings() -> PathBuf {
 }
 
 /// Says that a test, or a part of one, was left out. The test harness hides what `eprintln` prints.
-#[cfg(unix)]
 fn skipped(what: &str) {
     let _ = writeln!(std::io::stderr(), "SKIPPED: {what}");
 }
 
-fn recording(folder: &Path, name: &str) -> serde_json::Value {
-    let path = folder.join(name);
+fn recording(directory: &Path, name: &str) -> serde_json::Value {
+    let path = directory.join(name);
     let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     serde_json::from_str(&text).unwrap()
+}
+
+/// The members of an array of a recording, which has some: nothing is compared with an empty one.
+fn members(value: &serde_json::Value) -> &[serde_json::Value] {
+    let members = value.as_array().unwrap();
+    assert!(!members.is_empty(), "the recording has an empty list");
+    members
 }
 
 /// The numbers of an array of any depth, in order.

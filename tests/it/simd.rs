@@ -21,7 +21,12 @@ fn train(sandbox: &Sandbox, instruction_set: &str, out: &str) -> assert_cmd::ass
 fn every_instruction_set_of_this_cpu_gives_the_same_bytes() {
     let sandbox = Sandbox::new();
     train(&sandbox, "scalar", "scalar").success();
-    for set in InstructionSet::available().into_iter().filter(|&set| set != InstructionSet::SCALAR) {
+    let others = InstructionSet::available().into_iter().filter(|&set| set != InstructionSet::SCALAR);
+    let others: Vec<_> = others.collect();
+    if others.is_empty() {
+        crate::skipped("this CPU has no instruction set to compare with the scalar one");
+    }
+    for set in others {
         train(&sandbox, set.name(), set.name()).success();
         for file in ["metrics.jsonl", "checkpoints/best.safetensors", "checkpoints/last.safetensors"] {
             let bytes = |name: &str| std::fs::read(sandbox.path(&format!("{name}/{file}"))).unwrap();
