@@ -35,25 +35,21 @@ pub struct ExplainedUpdate {
 
 /// Why there is no such update.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
 pub enum ExplainError {
-    /// The run ends before.
     #[error(
         "the run ends after update {0}; give --update a number from 1 to that, or let the run be longer: a larger \
          budget.steps, or stop_when_lasting_steps=null where a policy that lasts ends it"
     )]
     TooFar(u64),
-    /// The environment cannot be made.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
-    /// The agent is none that makes such updates.
     #[error(
         "an update of a network can be explained, and this config trains a table; docs/q_learning.md has its update"
     )]
     NoDqn,
-    /// It cannot be trained so far.
     #[error(transparent)]
     Train(#[from] TrainError),
-    /// The numbers of the update itself leave the finite.
     #[error("in this update {0} becomes NaN or infinite")]
     NotFinite(#[from] NotFinite),
 }

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use safetensors::{Dtype, SafeTensors, View};
 
-use crate::nn::Mlp;
+use crate::nn::{Kernels, Mlp};
 use crate::rng::Rng;
 
 /// Most layers and most units of a layer that a policy may have.
@@ -191,11 +191,7 @@ impl Tensors {
             let (inputs, outputs) = (sizes[0], sizes[1]);
             let name = |kind| format!("{prefix}{}.{kind}", 2 * index);
             let torch_weight = self.get::<f32>(&name("weight"), &[outputs, inputs])?;
-            let (weight, bias) = network.layer_mut(index).split_at_mut(inputs * outputs);
-            for (position, value) in weight.iter_mut().enumerate() {
-                *value = torch_weight[position % outputs * inputs + position / outputs];
-            }
-            bias.copy_from_slice(&self.get::<f32>(&name("bias"), &[outputs])?);
+            set_torch_layer(network, index, &torch_weight, &self.get(&name("bias"), &[outputs])?);
         }
         Ok(())
     }
@@ -322,6 +318,16 @@ fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
     let torch_weight =
         (0..weight.len()).map(|position| weight[position % inputs * outputs + position / inputs]);
     (torch_weight.collect(), bias)
+}
+
+/// Fills a layer from its weight as [out, in] and its bias.
+pub fn set_torch_layer<T: Kernels>(network: &mut Mlp<T>, layer: usize, torch_weight: &[T], torch_bias: &[T]) {
+    let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
+    let (weight, bias) = network.layer_mut(layer).split_at_mut(inputs * outputs);
+    for (position, value) in weight.iter_mut().enumerate() {
+        *value = torch_weight[position % outputs * inputs + position / outputs];
+    }
+    bias.copy_from_slice(torch_bias);
 }
 
 impl Tensor {

@@ -12,7 +12,7 @@ use serde_json::json;
 
 use crate::files::read_limited;
 use crate::nn::{Loss, Mlp};
-use crate::tensors::{check_count, foreign_format, header_of};
+use crate::tensors::{check_count, foreign_format, header_of, set_torch_layer};
 use crate::text::shown;
 
 /// Largest file that is read, in bytes.
@@ -140,10 +140,9 @@ pub struct Results {
 /// Why a file is no update.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", shown(path))]
+#[allow(missing_docs)]
 pub struct UpdateError {
-    /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
     pub problem: Problem,
 }
 
@@ -353,11 +352,7 @@ impl Remaining<'_> {
             let (inputs, outputs) = (pair[0], pair[1]);
             let torch_weight = self.floats(&format!("{prefix}{}.weight", 2 * index), &[outputs, inputs])?;
             let torch_bias = self.floats(&format!("{prefix}{}.bias", 2 * index), &[outputs])?;
-            let (weight, bias) = network.layer_mut(index).split_at_mut(inputs * outputs);
-            for (position, value) in weight.iter_mut().enumerate() {
-                *value = torch_weight[position % outputs * inputs + position / outputs];
-            }
-            bias.copy_from_slice(&torch_bias);
+            set_torch_layer(&mut network, index, &torch_weight, &torch_bias);
         }
         Ok(network)
     }

@@ -272,25 +272,20 @@ impl<'a> Reference<'a> {
         });
         let (mut values, mut places, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
         for sample in 0..batch.rewards.len() {
-            let chosen = match variant.bootstrap {
-                NextValue::Max | NextValue::Index => vec![(sample, argmax(q, sample))],
-                NextValue::Double => vec![(sample, argmax(q_online, sample))],
-                NextValue::DoubleExchanged => vec![(sample, argmax(q_target, sample))],
-                NextValue::Taken => vec![(sample, batch.actions[sample])],
-                NextValue::Mean => (0..q.value.ncols()).map(|action| (sample, action)).collect(),
-                NextValue::Min => vec![(sample, argmin(q, sample))],
-                NextValue::MaxOfBatch => largest.into_iter().collect(),
+            let (chosen, chooser) = match variant.bootstrap {
+                NextValue::Max | NextValue::Index => (vec![(sample, argmax(q, sample))], None),
+                NextValue::Double => (vec![(sample, argmax(q_online, sample))], Some(q_online)),
+                NextValue::DoubleExchanged => (vec![(sample, argmax(q_target, sample))], Some(q_target)),
+                NextValue::Taken => (vec![(sample, batch.actions[sample])], None),
+                NextValue::Mean => ((0..q.value.ncols()).map(|action| (sample, action)).collect(), None),
+                NextValue::Min => (vec![(sample, argmin(q, sample))], None),
+                NextValue::MaxOfBatch => (largest.into_iter().collect(), None),
             };
             let valued = if variant.bootstrap == NextValue::DoubleExchanged { q_online } else { q };
             let mut next = Number::exact(0.0);
             for &(row, action) in &chosen {
                 next += valued.get(row, action).scaled(1.0 / chosen.len() as f64);
             }
-            let chooser = match variant.bootstrap {
-                NextValue::Double => Some(q_online),
-                NextValue::DoubleExchanged => Some(q_target),
-                _ => None,
-            };
             if let Some(chooser) = chooser {
                 next.may_be_off_by(choice_doubt(chooser, valued, sample));
             }

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::ConfigError;
 use super::keys::ENVIRONMENT as KEY;
-use super::layer::{Layer, misplaced};
+use super::layer::{Layer, members_of, misplaced};
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
 use crate::text::{excerpt, shell_line};
@@ -161,12 +161,7 @@ pub(super) fn program_defaults() -> Map<String, Value> {
 pub(super) fn merged(default: &EnvironmentConfig, layers: &[Layer]) -> Result<Value, ConfigError> {
     let mut value = json!(default);
     for Layer { origin, values } in layers {
-        let own: Map<String, Value> = values
-            .iter()
-            .filter_map(|(path, value)| {
-                Some((path.strip_prefix(KEY)?.strip_prefix('.')?.into(), value.clone()))
-            })
-            .collect();
+        let own = members_of(KEY, values);
         if let Some(name) = values.get(KEY) {
             value = name.clone();
         }

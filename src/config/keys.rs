@@ -145,6 +145,11 @@ pub(super) fn whole(value: Value) -> Value {
     }
 }
 
+/// The name of a key within a group; none of a key of another group.
+pub(super) fn member_of<'a>(path: &'a str, group: &str) -> Option<&'a str> {
+    path.strip_prefix(group)?.strip_prefix('.')
+}
+
 /// Where the value of a key is in a config's JSON, as a JSON Pointer.
 pub(super) fn pointer(path: &str) -> String {
     format!("/{}", path.replace('.', "/"))

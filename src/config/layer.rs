@@ -9,7 +9,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
 use super::aliases::{hint, keys_in};
-use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, pointer, whole};
+use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, member_of, pointer, whole};
 use super::{AGENTS, Config, ConfigError};
 use crate::env::Spec;
 use crate::text::excerpt;
@@ -65,7 +65,7 @@ impl Layer {
     /// Refuses the keys of another agent than the one whose defaults are `root`.
     pub(super) fn check_agent(&self, root: &Value) -> Result<(), ConfigError> {
         let belongs = |key: &str, root: &Value| {
-            let is_in = |(group, _): &(&str, _)| key == *group || key.starts_with(&format!("{group}."));
+            let is_in = |(group, _): &(&str, _)| key == *group || member_of(key, group).is_some();
             let known = |path: &str| root.pointer(&pointer(path)).is_some();
             let is_the_tasks = key.split('.').next() == Some(ENVIRONMENT);
             is_the_tasks || known(key) || alternatives().iter().any(|group| is_in(group) && known(group.0))
@@ -133,12 +133,10 @@ pub(super) fn choose(
     alternatives: &[Map<String, Value>],
     layers: &[Layer],
 ) -> Result<Value, ConfigError> {
-    let member = |path: &str| Some(path.strip_prefix(group)?.strip_prefix('.')?.to_string());
     let mut chosen = &alternatives[0];
     let mut values = Map::new();
     for Layer { origin, values: layer } in layers {
-        let own: Map<_, _> =
-            layer.iter().filter_map(|(path, value)| Some((member(path)?, value.clone()))).collect();
+        let own = members_of(group, layer);
         let is_null = layer.contains_key(group);
         let same_name = |alternative: &&Map<String, Value>| {
             let mut names = alternative.iter().filter(|(_, value)| value.is_string());
@@ -162,16 +160,24 @@ pub(super) fn choose(
     Ok(if merged.is_empty() { Value::Null } else { merged.into() })
 }
 
+/// What a layer sets below a group.
+pub(super) fn members_of(group: &str, layer: &BTreeMap<String, Value>) -> Map<String, Value> {
+    layer
+        .iter()
+        .filter_map(|(path, value)| Some((member_of(path, group)?.to_owned(), value.clone())))
+        .collect()
+}
+
 /// Writes the keys of an alternative and its name, for messages: `{"kind": "hard", "every_steps"}`.
 fn shape(alternative: &Map<String, Value>) -> String {
     if alternative.is_empty() {
         return "null".into();
     }
-    let member = |(key, value): (&String, &Value)| match value {
+    let shown = |(key, value): (&String, &Value)| match value {
         Value::String(name) => format!("\"{key}\": \"{name}\""),
         _ => format!("\"{key}\""),
     };
-    format!("{{{}}}", alternative.iter().map(member).collect::<Vec<_>>().join(", "))
+    format!("{{{}}}", alternative.iter().map(shown).collect::<Vec<_>>().join(", "))
 }
 
 /// Whether an object under this key is not a group of keys.

@@ -131,22 +131,18 @@ impl Default for Config {
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs)]
 pub enum ConfigError {
-    /// The file cannot be read, is too large or is not UTF-8.
     #[error("cannot read {}: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
     /// Not JSON, or not an object; the source says where and why.
     #[error("{origin}: {source}")]
     Json { origin: String, source: serde_json::Error },
-    /// A `--set` without `=`.
     #[error("--set {set}: expected key.path=value, for example --set gamma=0.9")]
     Set { set: String },
     /// A key that is unknown, comes twice or belongs to another alternative.
     #[error("{origin}: {problem} `{key}`; {hint}")]
     Key { origin: String, problem: &'static str, key: String, hint: String },
-    /// A value of a wrong type or out of range.
     #[error("{origin}: `{key}` is {value}; allowed: {allowed}")]
     Value { origin: String, key: String, value: String, allowed: String },
-    /// The environment is a program that cannot say what its task is.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
 }

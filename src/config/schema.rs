@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde_json::{Map, Value, json};
 
 use super::environment::program_defaults;
-use super::keys::{Allowed, ENVIRONMENT as KEY, KEYS, Key, alternatives, object, pointer};
+use super::keys::{Allowed, ENVIRONMENT as KEY, KEYS, Key, alternatives, member_of, object, pointer};
 use super::{AGENTS, Config, DQN};
 
 /// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
@@ -126,12 +126,12 @@ fn default_of(path: &str) -> Option<Value> {
         shape.values().filter(|value| value.is_string()).cloned().collect::<Vec<_>>()
     };
     for (group, shapes) in alternatives() {
-        let Some(name) = path.strip_prefix(group).and_then(|rest| rest.strip_prefix('.')) else { continue };
+        let Some(name) = member_of(path, group) else { continue };
         let shape = shapes.iter().find(|shape| shape.contains_key(name))?;
         let first = shapes.iter().find(|first| !first.is_empty() && names(first) == names(shape))?;
         return first.get(name).cloned();
     }
-    if let Some(name) = path.strip_prefix(KEY).and_then(|rest| rest.strip_prefix('.')) {
+    if let Some(name) = member_of(path, KEY) {
         return program_defaults().get(name).cloned();
     }
     every_default().pointer(&pointer(path)).cloned()

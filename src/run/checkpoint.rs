@@ -60,10 +60,9 @@ struct Seal {
 /// What is wrong with a checkpoint.
 #[derive(Debug, thiserror::Error)]
 #[error("checkpoint {}: {problem}", path.display())]
+#[allow(missing_docs)]
 pub struct CheckpointError {
-    /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
     pub problem: CheckpointProblem,
 }
 

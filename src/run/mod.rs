@@ -24,38 +24,23 @@ pub use verify::{Extent, compare_files, compare_summaries, read_summary};
 
 /// Why a run cannot be made, opened or resumed.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
 pub enum RunError {
     /// The directory, or something in it, cannot be used.
     #[error("directory {} {problem}", shown(path))]
-    Directory {
-        /// The directory.
-        path: PathBuf,
-        /// Why.
-        problem: String,
-    },
-    /// A file cannot be written.
+    Directory { path: PathBuf, problem: String },
     #[error("cannot write {}: {source}{hint}", shown(path))]
-    Unwritable {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-        /// What to do.
-        hint: &'static str,
-    },
+    Unwritable { path: PathBuf, source: io::Error, hint: &'static str },
     /// Something was tried and failed.
     #[error("{0}")]
     Failed(String),
     /// Something that the user gave cannot be used here.
     #[error("{0}")]
     BadInput(String),
-    /// A checkpoint cannot be used.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// The config cannot be used.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The environment cannot be made.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
 }

@@ -32,27 +32,15 @@ pub const SCORE_SEED: u64 = 2_000_000;
 
 /// Why a run failed.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)]
 pub enum TrainError {
-    /// The numbers left the finite.
     #[error("training diverged: at environment step {env_steps} {what} became NaN or infinite")]
-    Diverged {
-        /// The step in which it happened.
-        env_steps: u64,
-        /// What is not finite.
-        what: NotFinite,
-    },
+    Diverged { env_steps: u64, what: NotFinite },
     /// An observer cannot keep a checkpoint; the source names the file.
     #[error(transparent)]
     Checkpoint(io::Error),
-    /// An observer cannot take an event.
     #[error("cannot write an event at environment step {env_steps}: {source}")]
-    Event {
-        /// The step of the event.
-        env_steps: u64,
-        /// Why.
-        source: io::Error,
-    },
-    /// The environment failed.
+    Event { env_steps: u64, source: io::Error },
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
 }
