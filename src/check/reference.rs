@@ -3,11 +3,10 @@
 #![allow(missing_docs)]
 
 use std::sync::OnceLock;
-use std::thread;
 
 use super::file::{EpsilonPlace, Update};
 use super::rounding::{Matrix, Number, Pass, backward, forward, square};
-use crate::nn::{Loss, Mlp};
+use crate::nn::Loss;
 
 /// How an update is computed: the right way ([`Variant::right`]), or with some of the catalogue's mistakes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -229,20 +228,14 @@ pub struct LossOf {
 impl<'a> Reference<'a> {
     /// Computes the passes.
     pub fn new(update: &'a Update) -> Self {
-        let Update { online, target, batch, rounding_unit, .. } = update;
-        let pass = |network: &Mlp<f64>, observations| forward(network, observations, *rounding_unit);
-        let (current, next, target_of_next) = thread::scope(|scope| {
-            let others = scope.spawn(|| {
-                (
-                    pass(online, &batch.next_observations),
-                    target.as_ref().map(|target| pass(target, &batch.next_observations)),
-                )
-            });
-            let current = pass(online, &batch.observations);
-            let (next, target) = others.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            (current, next, target)
-        });
-        Self { update, current, next, target_of_next, target_of_current: OnceLock::new() }
+        let Update { online, target, batch, rounding_unit: unit, .. } = update;
+        Self {
+            update,
+            current: forward(online, &batch.observations, *unit),
+            next: forward(online, &batch.next_observations, *unit),
+            target_of_next: target.as_ref().map(|target| forward(target, &batch.next_observations, *unit)),
+            target_of_current: OnceLock::new(),
+        }
     }
 
     fn target_of_current(&self) -> Option<&Pass> {
@@ -388,7 +381,7 @@ impl<'a> Reference<'a> {
         LossOf { value, by_q, by_target }
     }
 
-    /// ∂L/∂θ before anything is done to it, in the order of [`Mlp::parameters`]; of the layers from `first` on, 0 before them.
+    /// ∂L/∂θ before anything is done to it, in the order of [`Mlp::parameters`](crate::nn::Mlp::parameters); of the layers from `first` on, 0 before them.
     pub fn raw_gradients(
         &self,
         variant: &Variant,

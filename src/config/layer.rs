@@ -9,7 +9,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
 use super::aliases::{hint, keys_in};
-use super::keys::{Allowed, ENVIRONMENT, KEYS, Key, REMOVED, alternatives, member_of, pointer, whole};
+use super::keys::{Allowed, ENVIRONMENT, KEYS, REMOVED, alternatives, member_of, pointer, whole};
 use super::{AGENTS, Config, ConfigError};
 use crate::env::Spec;
 use crate::text::excerpt;
@@ -95,23 +95,22 @@ impl Layer {
         }
         for (key, value) in &self.values {
             let members = keys_in(&format!("{key}."));
-            let is_empty = || {
-                let below = format!("{key}.");
-                value.is_object() && !self.values.keys().any(|other| other.starts_with(&below))
-            };
-            let allowed = match KEYS.iter().find(|known| known.path == key) {
+            let is_below = |other: &String| member_of(other, key).is_some();
+            let is_empty = || value.is_object() && !self.values.keys().any(is_below);
+            let known = KEYS.iter().find(|known| known.path == key).map(|known| &known.allowed);
+            let allowed = match known {
                 // No name, and no program either.
-                Some(Key { allowed: allowed @ Allowed::NameOr(..), .. }) if is_empty() => allowed.to_string(),
-                Some(Key { allowed, .. }) if allowed.admits(value) => continue,
-                Some(Key { allowed: allowed @ Allowed::NameOr(..), .. }) => format!(
+                Some(allowed @ Allowed::NameOr(..)) if is_empty() => allowed.to_string(),
+                Some(allowed) if allowed.admits(value) => continue,
+                Some(allowed @ Allowed::NameOr(..)) => format!(
                     "{allowed}; adapters/gymnasium.py is a program that plays Gymnasium's environments, and \
                      configs/lunar_lander.json a config with it"
                 ),
-                Some(Key { allowed: allowed @ Allowed::Task, .. }) => {
+                Some(allowed @ Allowed::Task) => {
                     let problem = serde_json::from_value::<Spec>(value.clone()).err();
                     format!("{allowed}: {}", problem.map_or_else(String::new, |error| error.to_string()))
                 }
-                Some(Key { allowed, .. }) => allowed.to_string(),
+                Some(allowed) => allowed.to_string(),
                 None if members.is_empty() => {
                     return Err(key_error(&self.origin, "unknown key", key, hint(key, value)));
                 }
