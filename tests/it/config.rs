@@ -31,8 +31,8 @@ fn shipped(name: &str) -> PathBuf {
 }
 
 fn shipped_configs() -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
-    let paths = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let paths = fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path());
     paths.filter(|path| path.extension().is_some_and(|extension| extension == "json")).collect()
 }
 
@@ -476,16 +476,16 @@ fn every_value_that_has_a_name_can_be_read() {
 
 #[test]
 fn a_file_that_cannot_be_read_is_named_with_the_reason() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let written = |name: &str, bytes: &[u8]| {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         fs::write(&path, bytes).unwrap();
         path
     };
     let spaces = |count: usize| vec![b' '; count];
     let table = [
-        (folder.path().join("missing.json"), "missing.json: "),
-        (folder.path().to_path_buf(), "directory"),
+        (directory.path().join("missing.json"), "missing.json: "),
+        (directory.path().to_path_buf(), "directory"),
         (written("latin1.json", b"{\"loss\": \"\xe4\"}"), "latin1.json: invalid utf-8"),
         (written("large.json", &spaces((1 << 20) + 1)), "large.json: larger than 1 MiB"),
     ];

@@ -35,11 +35,11 @@ fn spawn(sandbox: &Sandbox, arguments: &[&str]) -> Child {
 
 /// The processes of a sandbox whose command line contains a word.
 fn processes(sandbox: &Sandbox, word: &str) -> Vec<Pid> {
-    let folder = sandbox.path(".").canonicalize().unwrap();
+    let directory = sandbox.path(".").canonicalize().unwrap();
     let is_own = |entry: &fs::DirEntry| {
         let command = fs::read(entry.path().join("cmdline")).unwrap_or_default();
         let command = String::from_utf8_lossy(&command).replace('\0', " ");
-        fs::read_link(entry.path().join("cwd")).is_ok_and(|path| path == folder) && command.contains(word)
+        fs::read_link(entry.path().join("cwd")).is_ok_and(|path| path == directory) && command.contains(word)
     };
     let entries = fs::read_dir("/proc").unwrap().flatten().filter(is_own);
     entries.filter_map(|entry| Pid::from_raw(entry.file_name().to_str()?.parse().ok()?)).collect()

@@ -17,12 +17,12 @@ fn root() -> &'static Path {
 
 /// The README and the like, and every page below `docs`.
 fn pages() -> BTreeMap<PathBuf, String> {
-    let mut folders = vec![root().join("docs")];
+    let mut directories = vec![root().join("docs")];
     let mut files: Vec<PathBuf> = fs::read_dir(root()).unwrap().map(|entry| entry.unwrap().path()).collect();
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
+    while let Some(directory) = directories.pop() {
+        for entry in fs::read_dir(directory).unwrap() {
             let path = entry.unwrap().path();
-            if path.is_dir() { folders.push(path) } else { files.push(path) }
+            if path.is_dir() { directories.push(path) } else { files.push(path) }
         }
     }
     files.retain(|path| path.extension().is_some_and(|extension| extension == "md"));
@@ -98,7 +98,7 @@ fn problem(pages: &BTreeMap<PathBuf, String>, path: &Path, target: &str) -> Opti
     let found =
         if file.is_empty() { path.to_owned() } else { without_parents(&path.parent().unwrap().join(file)) };
     if !found.exists() {
-        let is_left_out = left_out().iter().any(|folder| found.starts_with(folder));
+        let is_left_out = left_out().iter().any(|directory| found.starts_with(directory));
         return (!is_left_out).then(|| format!("there is no {}", found.display()));
     }
     let anchor = anchor?;

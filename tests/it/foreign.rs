@@ -63,21 +63,21 @@ fn hostile() -> Vec<(&'static str, Value, &'static str)> {
 }
 
 /// What reads a task: the name of the reader, and its error.
-fn readers(folder: &Path, study: &Value, task: &Value) -> Vec<(&'static str, Option<String>)> {
+fn readers(directory: &Path, study: &Value, task: &Value) -> Vec<(&'static str, Option<String>)> {
     let environment = json!({"command": ["sh", "walk.sh"], "task": task});
     let config =
         json!({"environment": environment, "observation_divisors": null, "replay": {"mirror": false}});
     let header = json!({"env_steps": 1, "evaluation": null, "config": config});
-    let (run, study_folder) = (folder.join("run"), folder.join("study"));
+    let (run, study_directory) = (directory.join("run"), directory.join("study"));
     fs::create_dir_all(&run).unwrap();
-    fs::create_dir_all(&study_folder).unwrap();
+    fs::create_dir_all(&study_directory).unwrap();
     fs::write(run.join("config.json"), config.to_string()).unwrap();
     fs::write(run.join("metrics.jsonl"), "").unwrap();
     let mut study = study.clone();
     study["configs"][0]["config"]["environment"] =
         json!({"command": ["sh", "walk.sh"], "processes": 1, "timeout_seconds": 60, "task": task});
     study["configs"][0]["task"] = task.clone();
-    fs::write(study_folder.join("study.json"), study.to_string()).unwrap();
+    fs::write(study_directory.join("study.json"), study.to_string()).unwrap();
     let mut hello = json!({"protocol": 1});
     for (name, key) in [
         ("name", "id"),
@@ -93,8 +93,8 @@ fn readers(folder: &Path, study: &Value, task: &Value) -> Vec<(&'static str, Opt
     ] {
         hello[name] = task[key].clone();
     }
-    fs::write(folder.join("hello.json"), hello.to_string() + "\n").unwrap();
-    let answer = format!("read -r _; cat '{}'; read -r _", folder.join("hello.json").display());
+    fs::write(directory.join("hello.json"), hello.to_string() + "\n").unwrap();
+    let answer = format!("read -r _; cat '{}'; read -r _", directory.join("hello.json").display());
     let command = vec!["sh".to_owned(), "-c".into(), answer];
     let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(60), None, |_, _| false));
     let text = |error: &dyn std::fmt::Display| error.to_string();
@@ -107,7 +107,7 @@ fn readers(folder: &Path, study: &Value, task: &Value) -> Vec<(&'static str, Opt
         ),
         ("a checkpoint", serde_json::from_value::<Header>(header).err().map(|error| text(&error))),
         ("a run", RunDir::open(&run).err().map(|error| text(&error))),
-        ("a study", Study::read(&study_folder).err().map(|error| text(&error))),
+        ("a study", Study::read(&study_directory).err().map(|error| text(&error))),
     ]
 }
 
@@ -117,12 +117,12 @@ fn no_reader_takes_a_task_that_another_refuses() {
     let study = [&["study", "--quiet", "--seeds", "0..1", "--out", "s"][..], &sets(TINY)].concat();
     sandbox.run(&study).success();
     let study = sandbox.json("s/study.json");
-    let folder = sandbox.path(".");
-    assert!(readers(&folder, &study, &task()).iter().all(|(_, error)| error.is_none()));
+    let directory = sandbox.path(".");
+    assert!(readers(&directory, &study, &task()).iter().all(|(_, error)| error.is_none()));
     for (key, value, expected) in hostile() {
         let mut task = task();
         task[key] = value;
-        for (reader, error) in readers(&folder, &study, &task) {
+        for (reader, error) in readers(&directory, &study, &task) {
             let error = error.unwrap_or_else(|| panic!("{reader} takes a task with {key} {}", task[key]));
             assert!(error.contains(expected), "{reader}, {key}: {expected:?} is not in: {error}");
             assert!(error.len() < 2000 && !error.chars().any(steers), "{reader}, {key}: {error}");
@@ -169,8 +169,8 @@ fn word() -> impl Strategy<Value = String> {
 }
 
 /// What a shell makes of a line that ends with the arguments of a program: the words that the program gets.
-fn words_of(shell: &str, folder: &Path, line: &str) -> Vec<String> {
-    let output = Command::new(shell).args(["-c", line]).current_dir(folder).output().unwrap();
+fn words_of(shell: &str, directory: &Path, line: &str) -> Vec<String> {
+    let output = Command::new(shell).args(["-c", line]).current_dir(directory).output().unwrap();
     assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     text.split_terminator('\0').map(String::from).collect()
@@ -178,13 +178,13 @@ fn words_of(shell: &str, folder: &Path, line: &str) -> Vec<String> {
 
 #[test]
 fn a_command_that_is_printed_is_one_line_that_a_shell_reads_as_the_command() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     let has_bash = Command::new("bash").arg("--version").output().is_ok();
     if !has_bash {
         crate::skipped("there is no bash, so commands with control characters are not pasted into one");
     }
     let program = |name: &str| {
-        let path = folder.path().join(name);
+        let path = directory.path().join(name);
         fs::write(&path, "#!/bin/sh\nprintf '%s\\0' \"$0\" \"$@\"\n").unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
     };
@@ -196,10 +196,10 @@ fn a_command_that_is_printed_is_one_line_that_a_shell_reads_as_the_command() {
         let line = shell_line(&command);
         prop_assert!(!line.chars().any(steers), "{:?}", line);
         if has_bash {
-            prop_assert_eq!(&words_of("bash", folder.path(), &line), &command, "{}", line);
+            prop_assert_eq!(&words_of("bash", directory.path(), &line), &command, "{}", line);
         }
         if !line.contains("$'") {
-            prop_assert_eq!(&words_of("sh", folder.path(), &line), &command, "{}", line);
+            prop_assert_eq!(&words_of("sh", directory.path(), &line), &command, "{}", line);
         }
     });
 }

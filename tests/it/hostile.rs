@@ -142,9 +142,10 @@ fn load(bytes: &[u8]) {
     }
 }
 
-fn data(folder: &str) -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
-    let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+fn data(directory: &str) -> Vec<PathBuf> {
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join(directory);
+    let mut files: Vec<PathBuf> =
+        fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     assert!(!files.is_empty());
     files
@@ -227,7 +228,7 @@ fn a_header_that_promises_more_than_there_is_is_refused_before_it_is_read() {
 
 /// The files of a run and of a study, each mutated on its own.
 #[test]
-fn a_mutated_folder_is_reported_or_refused() {
+fn a_mutated_directory_is_reported_or_refused() {
     let sandbox = Sandbox::with_run();
     let study = [&["study", "--quiet", "--seeds", "0..2", "--out", "study"], &sets(TINY)[..]].concat();
     sandbox.run(&study).success();
@@ -253,7 +254,7 @@ fn decides(assert: &Assert) {
 
 /// The program itself, on mutated runs and studies.
 #[test]
-fn commands_on_mutated_folders_work_or_refuse() {
+fn commands_on_mutated_directories_work_or_refuse() {
     let sandbox = Sandbox::with_run();
     let study = [&["study", "--quiet", "--seeds", "0..2", "--out", "study"], &sets(TINY)[..]].concat();
     sandbox.run(&study).success();
@@ -284,14 +285,14 @@ fn commands_on_mutated_folders_work_or_refuse() {
 }
 
 #[test]
-fn folders_links_and_devices_in_place_of_files_are_refused() {
+fn directories_links_and_devices_in_place_of_files_are_refused() {
     for file in ["config.json", "metrics.jsonl", "summary.json", "checkpoints/last.safetensors"] {
-        for kind in ["folder", "loop", "device"] {
+        for kind in ["directory", "loop", "device"] {
             let sandbox = Sandbox::with_run();
             let path = sandbox.path("run").join(file);
             fs::remove_file(&path).unwrap();
             match kind {
-                "folder" => fs::create_dir(&path).unwrap(),
+                "directory" => fs::create_dir(&path).unwrap(),
                 "loop" => std::os::unix::fs::symlink(&path, &path).unwrap(),
                 _ => std::os::unix::fs::symlink("/dev/zero", &path).unwrap(),
             }

@@ -72,8 +72,8 @@ fn hostile() -> String {
     HOSTILE.get_or_init(|| compiled("tests/programs/hostile.c", "hostile")).clone()
 }
 
-fn programs(folder: &Path, mode: &str) -> Arc<Programs> {
-    let command = [hostile(), mode.into(), folder.display().to_string()];
+fn programs(directory: &Path, mode: &str) -> Arc<Programs> {
+    let command = [hostile(), mode.into(), directory.display().to_string()];
     // A busy machine takes long to start a program.
     let seconds = if SILENT.contains(&mode) { 5 } else { 60 };
     Arc::new(Programs::new(command.into(), 1, Duration::from_secs(seconds), None, |_, _| false))
@@ -105,15 +105,15 @@ fn processes(mark: &str) -> Vec<String> {
 
 #[test]
 fn a_hostile_program_ends_in_a_clear_message_without_a_hang_or_a_process() {
-    let folder = tempfile::tempdir().unwrap();
+    let directory = tempfile::tempdir().unwrap();
     assert!(HOSTILE.len() >= 30);
     for some in HOSTILE.chunks(8) {
         thread::scope(|scope| {
             for (mode, expected) in some {
-                let folder = folder.path();
+                let directory = directory.path();
                 scope.spawn(move || {
                     let start = Instant::now();
-                    let error = play(&programs(folder, mode)).expect_err(mode).to_string();
+                    let error = play(&programs(directory, mode)).expect_err(mode).to_string();
                     assert!(start.elapsed() < Duration::from_secs(30), "{mode}: {:?}", start.elapsed());
                     assert!(error.starts_with("the environment /"), "{mode}: {error}");
                     for text in *expected {
@@ -124,7 +124,7 @@ fn a_hostile_program_ends_in_a_clear_message_without_a_hang_or_a_process() {
             }
         });
     }
-    assert_eq!(processes(&folder.path().display().to_string()), [""; 0]);
+    assert_eq!(processes(&directory.path().display().to_string()), [""; 0]);
 }
 
 #[test]
@@ -159,10 +159,10 @@ fn the_time_limit_holds_for_a_program_that_never_reads() {
 
 #[test]
 fn a_program_that_never_ends_is_ended() {
-    let folder = tempfile::tempdir().unwrap();
-    let programs = programs(folder.path(), "never ends");
+    let directory = tempfile::tempdir().unwrap();
+    let programs = programs(directory.path(), "never ends");
     play(&programs).unwrap();
-    let mark = folder.path().display().to_string();
+    let mark = directory.path().display().to_string();
     assert_eq!(processes(&mark).len(), 1, "the process is kept for the next episode");
     drop(programs);
     assert_eq!(processes(&mark), [""; 0]);

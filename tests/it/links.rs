@@ -144,9 +144,9 @@ fn a_link_that_appears_in_a_study_is_not_followed() {
 #[test]
 fn no_write_slips_through_a_link_that_comes_and_goes() {
     let sandbox = Sandbox::new();
-    let [root, folder, away, link, victim] =
-        ["root", "root/folder", "root/away", "root/link", "victim"].map(|path| sandbox.path(path));
-    fs::create_dir_all(&folder).unwrap();
+    let [root, inner, away, link, victim] =
+        ["root", "root/inner", "root/away", "root/link", "victim"].map(|path| sandbox.path(path));
+    fs::create_dir_all(&inner).unwrap();
     sandbox.write("victim/file", "mine");
     symlink(&victim, &link).unwrap();
     let directory = Directory::open(&root).unwrap();
@@ -155,21 +155,21 @@ fn no_write_slips_through_a_link_that_comes_and_goes() {
     thread::scope(|scope| {
         scope.spawn(|| {
             while !is_over.load(Ordering::Relaxed) {
-                fs::rename(&folder, &away).unwrap();
-                fs::rename(&link, &folder).unwrap();
+                fs::rename(&inner, &away).unwrap();
+                fs::rename(&link, &inner).unwrap();
                 thread::yield_now();
-                fs::rename(&folder, &link).unwrap();
-                fs::rename(&away, &folder).unwrap();
+                fs::rename(&inner, &link).unwrap();
+                fs::rename(&away, &inner).unwrap();
                 thread::yield_now();
             }
         });
         let start = Instant::now();
         while start.elapsed() < Duration::from_millis(500) {
-            let file = folder.join("file");
+            let file = inner.join("file");
             let results = [
-                directory.write_whole(&file, Some(&folder.join("kept")), |file| file.write_all(b"ours")),
-                directory.create_file(&folder.join("new")).map(drop),
-                directory.remove_file(&folder.join("new")),
+                directory.write_whole(&file, Some(&inner.join("kept")), |file| file.write_all(b"ours")),
+                directory.create_file(&inner.join("new")).map(drop),
+                directory.remove_file(&inner.join("new")),
                 directory.remove_file(&file),
             ];
             let ok = results.iter().filter(|result| result.is_ok()).count();

@@ -16,9 +16,9 @@ use crate::study::trial_lines;
 
 /// A program in C, compiled. A machine that builds Rust has a C compiler, and need not have Python.
 pub(crate) fn compiled(source: &str, name: &str) -> String {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
     let source = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(source);
-    let (own, program) = (folder.join(format!("{name}-{}", std::process::id())), folder.join(name));
+    let (own, program) = (directory.join(format!("{name}-{}", std::process::id())), directory.join(name));
     let compiled = Command::new("cc")
         .args(["-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-o"])
         .args([own.as_os_str(), source.as_ref(), "-lm".as_ref()])

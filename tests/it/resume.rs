@@ -19,8 +19,8 @@ const BEST: &str = "run/checkpoints/best.safetensors";
 #[track_caller]
 pub(crate) fn assert_same_runs(sandbox: &Sandbox, a: &str, b: &str) {
     let files = |run: &str| -> BTreeMap<PathBuf, Vec<u8>> {
-        let folder = sandbox.path(run);
-        let name = |path: PathBuf| Some(path.strip_prefix(&folder).ok()?.to_owned());
+        let directory = sandbox.path(run);
+        let name = |path: PathBuf| Some(path.strip_prefix(&directory).ok()?.to_owned());
         sandbox.files().into_iter().filter_map(|(path, content)| Some((name(path)?, content?))).collect()
     };
     let (a_files, b_files) = (files(a), files(b));
@@ -251,7 +251,7 @@ fn a_branch_whose_process_was_killed_at_once_is_still_a_branch() {
 }
 
 #[test]
-fn a_folder_that_a_killed_process_left_before_it_was_a_run_is_free() {
+fn a_directory_that_a_killed_process_left_before_it_was_a_run_is_free() {
     let sandbox = Sandbox::new();
     sandbox.write("run/metrics.jsonl", "");
     sandbox.write("run/.writing-abc123.tmp", "half a config");
@@ -291,7 +291,7 @@ fn a_resumed_run_can_change_its_budget_alone() {
 }
 
 #[test]
-fn resume_takes_no_other_run_config_or_folder() {
+fn resume_takes_no_other_run_config_or_directory() {
     let sandbox = Sandbox::with_run();
     for flag in [&["--config", "run/config.json"][..], &["--out", "b"], &["--force"]] {
         let arguments = [&["train", "--resume", "run"], flag].concat();
@@ -375,7 +375,7 @@ fn every_flipped_bit_of_a_checkpoint_is_noticed() {
 }
 
 #[test]
-fn links_and_folders_in_a_run_are_not_written_through() {
+fn links_and_directories_in_a_run_are_not_written_through() {
     let arguments = ["train", "--resume", "run", "--set", "budget.steps=300"];
     for file in ["run/metrics.jsonl", LAST, BEST, PREVIOUS, "run/summary.json", "run/config.json"] {
         let sandbox = Sandbox::with_run();
@@ -485,10 +485,10 @@ fn the_summary_says_what_it_takes_to_repeat_the_run() {
 fn checkpoints_of_every_format_version_load() {
     use cartpole_dqn::run::{Checkpoint, FORMAT_VERSION, Header, load};
     use cartpole_dqn::trainer::Event;
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/checkpoints");
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/checkpoints");
     let mut weights = Vec::new();
     for version in 3..=FORMAT_VERSION {
-        let file = |kind: &str| folder.join(format!("version{version}-{kind}.safetensors"));
+        let file = |kind: &str| directory.join(format!("version{version}-{kind}.safetensors"));
         let sandbox = Sandbox::new();
         for kind in ["best", "last"] {
             let path = file(kind);
