@@ -11,11 +11,11 @@ use std::sync::atomic::AtomicBool;
 use cartpole_dqn::agent::{Agent, Dqn, Minibatch, Replay, Transition};
 use cartpole_dqn::config::Config;
 use cartpole_dqn::env::catalogue::EnvironmentId;
-use cartpole_dqn::env::{Acrobot, CartPole, Environment, EnvironmentError, MountainCar, Start};
+use cartpole_dqn::env::{Acrobot, CartPole, Environment, MountainCar, Start};
 use cartpole_dqn::nn::kernels::{AdamCoefficients, InstructionSet, Kernels, reference, scratch_len};
 use cartpole_dqn::nn::{Activations, Mlp};
 use cartpole_dqn::rng::Rng;
-use cartpole_dqn::trainer::{EVALUATION_SEED, Event, TraceStep, evaluate, play};
+use cartpole_dqn::trainer::{EVALUATION_SEED, Event, evaluate, record};
 use common::{balancer, naive_forward};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
@@ -328,10 +328,8 @@ fn evaluate_100_episodes(bencher: Bencher) {
         played.iter().map(|episode| episode.total).collect::<Vec<_>>()
     };
     let mut greedy = policy.greedy(1);
-    let one_by_one = (0..100).map(|episode| {
-        let watch = |_: TraceStep<'_>| Ok::<_, EnvironmentError>(());
-        play(&mut greedy, &mut CartPole::v1(), EVALUATION_SEED + episode, watch).unwrap()
-    });
+    let one_by_one = (0..100)
+        .map(|episode| record(&mut greedy, &mut CartPole::v1(), EVALUATION_SEED + episode).unwrap().total);
     let returns = run();
     assert!(one_by_one.eq(returns.iter().copied()));
     assert_eq!(returns, [500.0; 100]);

@@ -224,7 +224,8 @@ fn a_mistake_in_the_reported_number_alone_is_told_apart() {
 
 #[test]
 fn numbers_that_no_known_mistake_gives_differ_and_what_follows_is_judged_from_them() {
-    let changes: [&dyn Fn(usize, f64, &Batch) -> f64; 3] = [
+    type Change<'a> = &'a dyn Fn(usize, f64, &Batch) -> f64;
+    let changes: [Change<'_>; 3] = [
         &|i, y, batch| if batch.terminated[i] { y - 10.0 } else { y },
         &|i, y, batch| if batch.actions[i] == 1 { y * 0.7 } else { y },
         &|_, y, _| y * 0.7,

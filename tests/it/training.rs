@@ -11,7 +11,7 @@ use cartpole_dqn::rng::{Rng, Stream};
 use cartpole_dqn::tensors::weights_sha256;
 use cartpole_dqn::trainer::{
     CheckpointKind, DueCheckpoint, EVALUATION_SEED, EndReason, Event, LASTING_EPISODES, LASTING_EPSILON,
-    Moment, Observer, Score, Snapshot, TrainError, Trainer, evaluate, lasts, play,
+    Observer, Score, Snapshot, TrainError, Trainer, evaluate, lasts, record,
 };
 
 use super::plain;
@@ -567,17 +567,8 @@ fn episodes_in_lockstep_are_the_episodes_one_by_one() {
     trainer.run(&mut Vec::<Event>::new(), &NEVER).unwrap();
     let policy = trainer.agent().policy();
     let mut actor = policy.greedy(1);
-    let one_by_one: Vec<f64> = (0..150)
-        .map(|episode| {
-            let mut total = 0.0;
-            let watch = |moment: Moment<'_>| {
-                total += moment.outcome.map_or(0.0, |outcome| outcome.reward);
-                Ok::<_, EnvironmentError>(true)
-            };
-            play(&mut actor, &mut CartPole::v1(), 9 + episode, watch).unwrap();
-            total
-        })
-        .collect();
+    let one_by_one: Vec<f64> =
+        (0..150).map(|episode| record(&mut actor, &mut CartPole::v1(), 9 + episode).unwrap().total).collect();
     let played = evaluate(&policy, &cartpole, 500, 9, 150, 1.0).unwrap();
     assert_eq!(played.iter().map(|episode| episode.total).collect::<Vec<_>>(), one_by_one);
     assert!(played.iter().all(|episode| episode.total == episode.steps as f64));
