@@ -22,7 +22,7 @@ arguments = arguments.parse_args()
 study = arguments.study
 
 run = lambda *words: subprocess.run([PROGRAM, *map(str, words)], check=True)
-run("study", "--config", ROOT / "configs/cartpole.json", "--seeds", f"0..{arguments.seeds}", "--endurance",
+run("study", "--config", ROOT / "configs/cartpole.json", "--seeds", f"0..{arguments.seeds}", "--lasting",
     "--out", study, "--quiet")
 run("report", study)
 
@@ -31,18 +31,18 @@ trials = [json.loads(line) for line in lines]
 trials.sort(key=lambda trial: trial["seed"])
 with open(HERE / "default/seeds.csv", "w", newline="") as file:
     rows = csv.writer(file, lineterminator="\n")
-    rows.writerow(["seed", "best_mean", "best_env_steps", "final_mean", "best_endured", "final_endured",
+    rows.writerow(["seed", "best_mean", "best_env_steps", "final_mean", "best_lasts", "final_lasts",
                    "solved_at_step", "env_steps", "end_reason", "weights_sha256"])
     for trial in trials:
         best, final, summary = trial["best"], trial["final"], trial["summary"]
-        rows.writerow([trial["seed"], best["mean"], best["env_steps"], final["mean"], best["endured"],
-                       final["endured"], summary["solved_at_step"], summary["env_steps"], summary["end_reason"],
+        rows.writerow([trial["seed"], best["mean"], best["env_steps"], final["mean"], best["lasts"],
+                       final["lasts"], summary["solved_at_step"], summary["env_steps"], summary["end_reason"],
                        summary["weights_sha256"]])
 for name in ["report.json", "study.json", "learning_curves.svg", "performance_profile.svg", "steps_to_solve.svg"]:
     shutil.copy(study / name, HERE / "default" / name)
 
 config = json.loads((study / "report.json").read_text())["configs"][0]
-solve, endurance, count = config["steps_to_solve"], config["endurance"], config["seeds"]
+solve, lasts, count = config["steps_to_solve"], config["lasting"], config["seeds"]
 share = lambda estimate: "{:.1f} % [{:.1f}, {:.1f}]".format(*(100 * estimate[k] for k in ["value", "low", "high"]))
 number = lambda estimate: "{value:.1f} [{low:.1f}, {high:.1f}]".format(**estimate)
 ends = sorted(trial["summary"]["env_steps"] for trial in trials)
@@ -63,8 +63,8 @@ table = f"""| | measured |
 | steps to the first solving evaluation: 10 %, 50 %, 90 % of seeds | {solve['q10']:,}, {solve['q50']:,}, {solve['q90']:,}; never on {solve['never']} |
 | runs that ended with a policy that passed their own test | {lasting:,} of {count:,} |
 | steps at the end of the run: 10 %, 50 %, 90 %, all of the seeds | {quantile(0.1)}, {quantile(0.5)}, {quantile(0.9)}, {quantile(1)} |
-| best checkpoint lasts | {endurance['best']:,} of {count:,} ({share(endurance['best_share'])}) |
-| final policy lasts | {endurance['final']:,} of {count:,} ({share(endurance['final_share'])}) |
+| best checkpoint lasts | {lasts['best']:,} of {count:,} ({share(lasts['best_share'])}) |
+| final policy lasts | {lasts['final']:,} of {count:,} ({share(lasts['final_share'])}) |
 
 Seeds that do not solve the task: {"; ".join(failing) or "none"}.
 """

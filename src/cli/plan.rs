@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::ui::{Failure, note, program};
 use crate::report;
-use crate::study::{Cause, Finished, LeftOut, StudyDir, Unended};
+use crate::study::{Cause, Finished, Omitted, StudyDir, Unended};
 use crate::text::{labels, legend, shell_word, table, visible};
 
 /// Widest name in the table of a status.
@@ -76,7 +76,7 @@ fn time_first_trial(folder: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool),
 pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
     let study = folder.study();
     let mut counts = vec![(0, 0); study.configs.len()];
-    let LeftOut { notes, last_tries } = folder.read(|Finished { config, trial }| {
+    let Omitted { notes, last_tries } = folder.read(|Finished { config, trial }| {
         let (done, failed) = &mut counts[config];
         *done += 1;
         *failed += u64::from(trial.error.is_some());

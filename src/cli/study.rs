@@ -17,10 +17,11 @@ use super::plan;
 use super::signals::Signals;
 use super::ui::{Failure, cannot_write, check_out, note, on_one_line, print};
 use super::variations::{Variations, configs};
+use crate::config::Config;
 use crate::env::Spec;
 use crate::report;
 use crate::study::{
-    Cause, Finished, LeftOut, MAX_SEEDS, NamedConfig, Shard, Study, StudyDir, StudyError, Trial, Unended,
+    Cause, Finished, MAX_SEEDS, NamedConfig, Omitted, Shard, Study, StudyDir, StudyError, Trial, Unended,
 };
 use crate::text::{shell_word, shown, visible, wrapped};
 
@@ -44,11 +45,11 @@ const LINE_INTERVAL: Duration = Duration::from_secs(2);
 )]
 pub(super) struct Arguments {
     /// Directory of a study to go on with, as its study.json says
-    #[arg(value_name = "DIR", conflicts_with_all = ["config", "vary", "set", "seeds", "out", "endurance"])]
+    #[arg(value_name = "DIR", conflicts_with_all = ["config", "vary", "set", "seeds", "out", "lasting"])]
     folder: Option<PathBuf>,
     /// The same as DIR alone
     #[arg(long, value_name = "DIR",
-        conflicts_with_all = ["folder", "config", "vary", "set", "seeds", "out", "endurance"])]
+        conflicts_with_all = ["folder", "config", "vary", "set", "seeds", "out", "lasting"])]
     resume: Option<PathBuf>,
     #[command(flatten)]
     variations: Variations,
@@ -74,9 +75,9 @@ pub(super) struct Arguments {
     /// How many trials run at the same time [default: one per CPU]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = super::ui::integer::<1, 4096>)]
     jobs: Option<u64>,
-    /// Also play every policy for up to 20,000 steps, which shows a cart that drifts away slowly; only CartPole's episodes can last so long
-    #[arg(long)]
-    endurance: bool,
+    /// Also test whether every policy lasts 20,000 steps, as `stop_when_lasting_steps` tests it; only CartPole's episodes can last so long
+    #[arg(long, alias = "endurance")]
+    lasting: bool,
     #[command(flatten)]
     allow: AllowCommand,
     /// Show no progress and no result
@@ -87,14 +88,12 @@ pub(super) struct Arguments {
 impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
         match error {
-            StudyError::Unwritable { path, source } => cannot_write(&path, &source, "; choose another --out"),
-            StudyError::Write { ref source, .. } => match Self::unwritten(on_one_line(&error), source) {
+            StudyError::Unwritable(path, source) => cannot_write(&path, &source, "; choose another --out"),
+            StudyError::Write(_, ref source) => match Self::unwritten(on_one_line(&error), source) {
                 Self::Failed(message) => Self::Disturbed(message),
                 bad_input => bad_input,
             },
-            StudyError::Folder { .. } | StudyError::Line { .. } | StudyError::Unreadable { .. } => {
-                Self::BadInput(on_one_line(&error))
-            }
+            StudyError::Unusable(_) => Self::BadInput(on_one_line(&error)),
         }
     }
 }
@@ -136,7 +135,7 @@ impl Arguments {
             return Ok(folder);
         };
         check_out(out)?;
-        let study = Study::new(configs(&self.variations)?, seeds.clone(), self.endurance);
+        let study = Study::new(configs(&self.variations)?, seeds.clone(), self.lasting);
         if !self.plan {
             check_memory(&study, self.jobs())?;
         }
@@ -183,7 +182,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     start_programs(configs.into_iter().map(|config| &folder.study().configs[config]));
     let signals = Signals::listen();
     arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
-    let ended = folder.run(&pending, arguments.jobs(), &signals.stop, |ended| progress.show(ended));
+    let ended =
+        folder.run(&pending, &Config::make, arguments.jobs(), &signals.stop, |ended| progress.show(ended));
     progress.bar.finish_and_clear();
     ended?;
     folder.tidy()?;
@@ -221,7 +221,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn pending(folder: &StudyDir, shard: Shard, quiet: bool) -> Result<(Vec<(usize, u64)>, Progress), Failure> {
     let study = folder.study();
     let (mut finished, mut failed) = (HashSet::new(), Vec::new());
-    let LeftOut { notes, .. } = folder.read(|Finished { config, trial }| {
+    let Omitted { notes, .. } = folder.read(|Finished { config, trial }| {
         let number = (config, trial.seed);
         if study.is_in(shard, number) {
             finished.insert(number);

@@ -16,7 +16,7 @@ pub(super) struct Comparison {
     pub(super) labels: [String; 2],
     pub(super) probability_of_improvement: Estimate,
     pub(super) iqm_difference: Estimate,
-    verdict: Verdict,
+    verdict: ComparisonVerdict,
     /// The verdict in words.
     pub(super) statement: String,
 }
@@ -24,7 +24,7 @@ pub(super) struct Comparison {
 /// What the intervals of a comparison show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Verdict {
+enum ComparisonVerdict {
     /// The config is better than the first.
     Better,
     /// The first is better.
@@ -61,12 +61,12 @@ impl Comparison {
         let probability = Estimate::of_two(x, y, statistics::probability_of_improvement);
         let difference = Estimate::of_two(x, y, |x, y| iqm(x) - iqm(y));
         let verdict = match side(&probability, 0.5).zip(side(&difference, 0.0)) {
-            _ if config.task != against.task => Verdict::OtherTask,
-            None => Verdict::TooFewSeeds,
-            Some((0, 0)) => Verdict::NoDifferenceShown,
-            Some((a, b)) if a * b < 0 => Verdict::Mixed,
-            Some((a, b)) if a + b > 0 => Verdict::Better,
-            Some(_) => Verdict::Worse,
+            _ if config.task != against.task => ComparisonVerdict::OtherTask,
+            None => ComparisonVerdict::TooFewSeeds,
+            Some((0, 0)) => ComparisonVerdict::NoDifferenceShown,
+            Some((a, b)) if a * b < 0 => ComparisonVerdict::Mixed,
+            Some((a, b)) if a + b > 0 => ComparisonVerdict::Better,
+            Some(_) => ComparisonVerdict::Worse,
         };
         let mut comparison = Self {
             config: config.name.into(),
@@ -96,18 +96,18 @@ impl Comparison {
             places(difference, 0.0)
         );
         match self.verdict {
-            Verdict::Better => format!("{config} is better than {against}: {intervals}"),
-            Verdict::Worse => format!("{against} is better than {config}: {intervals}"),
-            Verdict::NoDifferenceShown => {
+            ComparisonVerdict::Better => format!("{config} is better than {against}: {intervals}"),
+            ComparisonVerdict::Worse => format!("{against} is better than {config}: {intervals}"),
+            ComparisonVerdict::NoDifferenceShown => {
                 format!("no difference shown between {config} and {against}: {intervals}")
             }
-            Verdict::Mixed => {
+            ComparisonVerdict::Mixed => {
                 format!("{config} and {against} differ, and neither is better throughout: {intervals}")
             }
-            Verdict::OtherTask => {
+            ComparisonVerdict::OtherTask => {
                 format!("nothing shown of {config} and {against}: they play different tasks")
             }
-            Verdict::TooFewSeeds => format!(
+            ComparisonVerdict::TooFewSeeds => format!(
                 "nothing shown of {config} and {against}: an interval takes {LEAST_SEEDS} seeds of both, and there are {seeds}"
             ),
         }
@@ -117,7 +117,7 @@ impl Comparison {
 /// What comparisons say, where one sentence is enough for all that have too few seeds.
 pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
     let (few, mut said): (Vec<_>, Vec<_>) =
-        comparisons.iter().partition(|comparison| comparison.verdict == Verdict::TooFewSeeds);
+        comparisons.iter().partition(|comparison| comparison.verdict == ComparisonVerdict::TooFewSeeds);
     said.extend(few.first());
     let mut said: Vec<String> = said.into_iter().map(|comparison| comparison.statement.clone()).collect();
     if let (Some(last), [_, others @ ..]) = (said.last_mut(), &few[..])

@@ -1,22 +1,20 @@
-//! The events of one run, from its file.
+//! The events of one run, as its report needs them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use serde::Deserialize;
-use serde_json::Value;
-
-use super::{ReportError, read};
-use crate::trainer::{EndReason, Evaluation};
+use super::ReportError;
+use crate::run::read_events;
+use crate::trainer::{EndReason, Evaluation, Event};
 
 /// A statistic's name → (environment steps, value).
-pub(super) type Series = BTreeMap<String, Vec<(u64, f64)>>;
+pub(super) type StatisticSeries = BTreeMap<String, Vec<(u64, f64)>>;
 
 /// What the events of a run hold.
 #[derive(Default)]
 pub(super) struct History {
     pub(super) evaluations: Vec<Evaluation>,
-    /// That of the best policy, where the events say it.
+    /// That of the best policy.
     pub(super) best: Option<Evaluation>,
     /// Environment steps of an evaluation, its smallest and its largest return.
     pub(super) extremes: Vec<(f64, f64, f64)>,
@@ -26,72 +24,40 @@ pub(super) struct History {
     pub(super) epsilon: Vec<(f64, f64)>,
     /// Environment steps, mean loss of an episode.
     pub(super) loss: Vec<(f64, f64)>,
-    pub(super) statistics: Series,
-    pub(super) ended: bool,
+    pub(super) statistics: StatisticSeries,
+    /// None while the run has not ended.
     pub(super) end_reason: Option<EndReason>,
 }
 
 impl History {
     pub(super) fn read(path: &Path) -> Result<Self, ReportError> {
-        let text = read(path)?;
-        let (mut history, mut last_step) = (Self::default(), 0);
-        let lines: Vec<&str> = text.lines().collect();
-        for (i, line) in lines.iter().enumerate() {
-            match serde_json::from_str(line) {
-                Ok::<Value, _>(event) => {
-                    let step = event["env_steps"].as_u64().unwrap_or(last_step);
-                    if step < last_step {
-                        let problem = format!("line {}: `env_steps` goes back to {step}", i + 1);
-                        return Err(ReportError::new(path, problem));
-                    }
-                    last_step = step;
-                    history.take(&event);
-                }
-                // A run that was killed can leave half a line at the end.
-                Err(_) if i + 1 == lines.len() && !text.ends_with('\n') => {}
-                Err(error) => return Err(ReportError::new(path, format!("line {}: {error}", i + 1))),
-            }
-        }
+        let mut history = Self::default();
+        read_events(path, |event| history.take(event)).map_err(|error| ReportError::new(path, error))?;
         Ok(history)
     }
 
-    fn take(&mut self, event: &Value) {
-        let Some(env_steps) = event["env_steps"].as_u64() else { return };
+    fn take(&mut self, event: Event) {
+        let env_steps = event.env_steps();
         let x = env_steps as f64;
-        let number = |field: &str| event[field].as_f64();
-        match event["event"].as_str() {
-            Some("evaluation") => {
-                let evaluation = number("mean").map(|mean| Evaluation { env_steps, mean });
-                self.evaluations.extend(evaluation);
-                if event["best"] == true {
-                    self.best = evaluation;
+        match event {
+            Event::Evaluation { mean, min, max, best, .. } => {
+                self.evaluations.push(Evaluation { env_steps, mean });
+                if best {
+                    self.best = Some(Evaluation { env_steps, mean });
                 }
-                self.extremes.extend(number("min").zip(number("max")).map(|(min, max)| (x, min, max)));
+                self.extremes.push((x, min, max));
             }
-            Some("episode") => {
-                self.training.extend(number("mean_return_100").map(|mean| (x, mean)));
-                self.epsilon.extend(number("epsilon").map(|epsilon| (x, epsilon)));
-                self.loss.extend(number("loss").map(|loss| (x, loss)));
+            Event::Episode { mean_return_100, epsilon, loss, .. } => {
+                self.training.push((x, mean_return_100));
+                self.epsilon.push((x, epsilon));
+                self.loss.extend(loss.map(|loss| (x, loss)));
             }
-            Some("end") => {
-                self.ended = true;
-                self.end_reason = EndReason::deserialize(&event["reason"]).ok();
+            Event::Statistics { numbers, .. } => {
+                for (name, number) in numbers.0 {
+                    self.statistics.entry(name).or_default().push((env_steps, number));
+                }
             }
-            _ => self.take_statistics("", env_steps, event),
-        }
-    }
-
-    /// Every number in an event of another kind is a statistic, under the path of its key.
-    fn take_statistics(&mut self, path: &str, env_steps: u64, value: &Value) {
-        const COUNTERS: [&str; 4] = ["env_steps", "episodes", "episode", "updates"];
-        if let Some(number) = value.as_f64() {
-            self.statistics.entry(path.to_owned()).or_default().push((env_steps, number));
-        }
-        for (key, member) in value.as_object().into_iter().flatten() {
-            if !COUNTERS.contains(&key.as_str()) {
-                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-                self.take_statistics(&path, env_steps, member);
-            }
+            Event::End { reason, .. } => self.end_reason = Some(reason),
         }
     }
 }

@@ -29,7 +29,7 @@ pub struct Retention {
     pub solved: usize,
     /// The worst of them, the first of equals.
     pub worst: Option<Evaluation>,
-    /// How often the solution was lost to less than half way back, see [`Loss::collapse`].
+    /// How often the solution was lost to less than half way back, see [`LostSolution::collapse`].
     pub collapses: usize,
     /// How often it was lost, and not so far.
     pub dips: usize,
@@ -37,7 +37,7 @@ pub struct Retention {
 
 /// A solution that was lost: the evaluations after one that solved, until the next that solves.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Loss {
+pub struct LostSolution {
     /// The last evaluation that solved.
     pub before: Evaluation,
     /// The first below the threshold.
@@ -77,7 +77,7 @@ pub fn half_way(evaluations: &[Evaluation], task: &Spec) -> Option<f64> {
 }
 
 /// Every time that a solution was lost.
-pub fn losses(evaluations: &[Evaluation], task: &Spec) -> Vec<Loss> {
+pub fn losses(evaluations: &[Evaluation], task: &Spec) -> Vec<LostSolution> {
     let Some(half_way) = half_way(evaluations, task) else { return Vec::new() };
     let solves = |evaluation: &Evaluation| task.is_solved_by(evaluation.mean);
     let is_lost = |pair: &[Evaluation]| solves(&pair[0]) && !solves(&pair[1]);
@@ -86,7 +86,7 @@ pub fn losses(evaluations: &[Evaluation], task: &Spec) -> Vec<Loss> {
         let rest = &evaluations[i + 1..];
         let (lost, later) = rest.split_at(rest.iter().position(solves).unwrap_or(rest.len()));
         let lowest = lost.iter().copied().min_by(|a, b| a.mean.total_cmp(&b.mean));
-        Loss {
+        LostSolution {
             before: pair[0],
             after: pair[1],
             lowest: lowest.unwrap_or(pair[1]),

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::panels::{figure, learning};
-use super::portrait::Portrait;
+use super::portrait::portrait;
 use super::run::{self, Run};
-use super::study::Study;
+use super::study::ReadStudy;
 use super::svg::{DARK, escaped};
 use super::text::{self, Table};
 use super::{Kind, ReportError, parse, plots};
@@ -33,24 +33,24 @@ pub fn is_page(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// When a directory is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
-pub fn page(folders: &[PathBuf]) -> Result<String, ReportError> {
-    let kinds = folders.iter().map(|folder| Kind::of(folder)).collect::<Result<Vec<_>, _>>()?;
-    let study = folders.iter().zip(kinds).find(|(_, kind)| matches!(kind, Kind::Study));
-    match (study, folders) {
+pub fn page(directories: &[PathBuf]) -> Result<String, ReportError> {
+    let kinds = directories.iter().map(|directory| Kind::of(directory)).collect::<Result<Vec<_>, _>>()?;
+    let study = directories.iter().zip(kinds).find(|(_, kind)| matches!(kind, Kind::Study));
+    match (study, directories) {
         (Some((study, _)), [_]) => study_page(study),
         (Some((study, _)), _) => {
             Err(ReportError::new(study, "is a study; a page shows either one study or several runs"))
         }
-        (None, _) => runs_page(folders),
+        (None, _) => runs_page(directories),
     }
 }
 
-fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
-    let named = folders.iter().zip(run::names(folders)?);
-    let runs = named.map(|(folder, name)| Run::read(folder, name)).collect::<Result<Vec<_>, _>>()?;
+fn runs_page(directories: &[PathBuf]) -> Result<String, ReportError> {
+    let named = directories.iter().zip(run::names(directories)?);
+    let runs = named.map(|(directory, name)| Run::read(directory, name)).collect::<Result<Vec<_>, _>>()?;
     let mut portraits = Vec::new();
-    for (folder, run) in folders.iter().zip(&runs) {
-        portraits.push(json!({"name": run.name, "portrait": Portrait::of(folder, &run.environment)?}));
+    for (directory, run) in directories.iter().zip(&runs) {
+        portraits.push(json!({"name": run.name, "portrait": portrait(directory, &run.environment)?}));
     }
     let title = match &runs[..] {
         [run] => format!("Run {}", run.name),
@@ -65,14 +65,17 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
     };
     let note = format!("All panels are over the environment steps of training.{lines}");
     sections += &section("Learning", &format!("<p class=\"note\">{note}</p>\n{}", learning(&runs)));
-    let (shown, hidden): (Vec<_>, Vec<_>) =
-        folders.iter().zip(&runs).zip(&portraits).partition(|(_, portrait)| !portrait["portrait"].is_null());
+    let (shown, hidden): (Vec<_>, Vec<_>) = directories
+        .iter()
+        .zip(&runs)
+        .zip(&portraits)
+        .partition(|(_, portrait)| !portrait["portrait"].is_null());
     if !shown.is_empty() {
         sections += POLICY;
     }
     if !hidden.is_empty() {
         let title = if shown.is_empty() { "The policy" } else { "Policies that are not played" };
-        let unplayed = hidden.iter().map(|((folder, run), _)| unplayed(folder, run));
+        let unplayed = hidden.iter().map(|((directory, run), _)| unplayed(directory, run));
         sections += &section(title, &unplayed.collect::<String>());
     }
     let configs: Vec<(&str, &Value)> = runs.iter().map(|run| (run.name.as_str(), &run.config)).collect();
@@ -81,8 +84,8 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
         "<p>The same config gives the same weights, bit for bit. Save the run's config as <code>config.json</code>:</p>\n\
          <pre>cartpole-dqn train --config config.json --out again</pre>\n",
     );
-    for (folder, (name, config)) in folders.iter().zip(&configs) {
-        let hash = parse::<Value>(&folder.join(SUMMARY)).ok();
+    for (directory, (name, config)) in directories.iter().zip(&configs) {
+        let hash = parse::<Value>(&directory.join(SUMMARY)).ok();
         if let Some(hash) = hash.as_ref().and_then(|summary| summary["weights_sha256"].as_str()) {
             let _ = writeln!(
                 how,
@@ -98,8 +101,8 @@ fn runs_page(folders: &[PathBuf]) -> Result<String, ReportError> {
     Ok(assembled(&title, subtitle, &sections, &json!({"runs": portraits})))
 }
 
-fn study_page(folder: &Path) -> Result<String, ReportError> {
-    let Study { configs, report, notes, .. } = Study::read(folder)?;
+fn study_page(directory: &Path) -> Result<String, ReportError> {
+    let ReadStudy { configs, report, notes, .. } = ReadStudy::read(directory)?;
     let mut result = list(&text::conclusions(&report));
     for Table { title, rows } in text::tables(&report) {
         let _ = writeln!(result, "<p>{}</p>", escaped(&title));
@@ -132,7 +135,7 @@ fn study_page(folder: &Path) -> Result<String, ReportError> {
         how += &config_file(&format!("{i}.json: {name}"), config);
     }
     sections += &section("How to reproduce it", &how);
-    let name = folder.canonicalize().ok();
+    let name = directory.canonicalize().ok();
     let name = name.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
     let title = format!("Study {}", name.unwrap_or_default());
     let subtitle = format!("{} configs, seeds {start} to {}", configs.len(), end.saturating_sub(1));
@@ -140,9 +143,9 @@ fn study_page(folder: &Path) -> Result<String, ReportError> {
 }
 
 /// Why a run has no portrait, and what its evaluations recorded.
-fn unplayed(folder: &Path, run: &Run) -> String {
+fn unplayed(directory: &Path, run: &Run) -> String {
     let name = escaped(&run.name);
-    if checkpoint_of(folder).is_err() {
+    if checkpoint_of(directory).is_err() {
         return format!(
             "<p>{name}: there is no checkpoint in the directory, so there is nothing to play.</p>\n"
         );

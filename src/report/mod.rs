@@ -2,13 +2,13 @@
 
 mod comparison;
 mod events;
+mod failures;
 pub mod history;
 mod html;
 mod outcome;
 mod panels;
 mod plots;
 mod portrait;
-mod ranking;
 mod run;
 mod sample;
 pub mod statistics;
@@ -78,24 +78,24 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(folder: &Path) -> Result<Self, ReportError> {
-        let found = folder.metadata().map_err(|error| match error.kind() {
+    fn of(directory: &Path) -> Result<Self, ReportError> {
+        let found = directory.metadata().map_err(|error| match error.kind() {
             io::ErrorKind::NotFound => {
-                ReportError::new(folder, "there is no such directory; give that of a study or of a run")
+                ReportError::new(directory, "there is no such directory; give that of a study or of a run")
             }
-            _ => ReportError::unreadable(folder, &error),
+            _ => ReportError::unreadable(directory, &error),
         })?;
         if !found.is_dir() {
-            return Err(ReportError::new(folder, "is a file; give the directory of a study or of a run"));
+            return Err(ReportError::new(directory, "is a file; give the directory of a study or of a run"));
         }
         for (name, kind) in [(MANIFEST, Self::Study), (METRICS, Self::Run)] {
-            let path = folder.join(name);
+            let path = directory.join(name);
             if path.try_exists().map_err(|error| ReportError::unreadable(&path, &error))? {
                 return Ok(kind);
             }
         }
         let problem = format!("is neither a study (it has no {MANIFEST}) nor a run (it has no {})", METRICS);
-        Err(ReportError::new(folder, problem))
+        Err(ReportError::new(directory, problem))
     }
 }
 
@@ -104,10 +104,10 @@ impl Report {
     ///
     /// # Errors
     /// When it is neither, nothing has been finished in it, or a file in it is damaged.
-    pub fn of(folder: &Path) -> Result<Self, ReportError> {
-        match Kind::of(folder)? {
-            Kind::Study => study::report(folder),
-            Kind::Run => run::report(folder),
+    pub fn of(directory: &Path) -> Result<Self, ReportError> {
+        match Kind::of(directory)? {
+            Kind::Study => study::report(directory),
+            Kind::Run => run::report(directory),
         }
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::ReportError;
 use super::history;
 use crate::env::Spec;
-use crate::study::{Finished, LeftOut, NamedConfig, PolicyScore, SCORE_EPISODES, StudyDir};
+use crate::study::{Finished, NamedConfig, Omitted, PolicyScore, StudyDir};
 use crate::trainer::Evaluation;
 
 /// The finished trials of a config, in the order of their seeds.
@@ -13,52 +13,47 @@ use crate::trainer::Evaluation;
 pub(super) struct Group {
     pub(super) name: String,
     pub(super) task: Spec,
-    pub(super) outcomes: Vec<Outcome>,
+    pub(super) outcomes: Vec<TrialOutcome>,
 }
 
 /// What became of a trial.
 #[derive(Debug)]
-pub(super) struct Outcome {
+pub(super) struct TrialOutcome {
     pub(super) seed: u64,
     pub(super) error: Option<Box<str>>,
     /// The key that ended it before its budget was used up.
     pub(super) stopped_by: Option<&'static str>,
-    pub(super) best: Option<Score>,
-    pub(super) final_: Option<Score>,
+    pub(super) best: Option<PolicyOutcome>,
+    pub(super) final_: Option<PolicyOutcome>,
     /// The steps of the evaluations; trials of the same steps share them.
     pub(super) steps: Arc<[u64]>,
     means: Box<[f64]>,
 }
 
-/// What a policy came to.
-#[derive(Debug)]
-pub(super) struct Score {
+/// Mean return of a policy, and whether it lasts; none where the study does not ask.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PolicyOutcome {
     pub(super) mean: f64,
-    endured: Option<u64>,
+    pub(super) lasts: Option<bool>,
 }
 
-impl Score {
-    fn of(policy: &PolicyScore) -> Self {
-        Self { mean: policy.mean, endured: policy.endured }
-    }
-
-    /// Whether the policy lasts in every episode; none where the study does not ask.
-    pub(super) fn endures(&self) -> Option<bool> {
-        self.endured.map(|endured| endured == SCORE_EPISODES)
-    }
+/// A policy's mean return; the lowest of the task where a failed run left no policy.
+pub(super) fn score(policy: Option<PolicyOutcome>, task: &Spec) -> f64 {
+    policy.map_or(task.return_range.0, |policy| policy.mean)
 }
 
-impl Outcome {
+impl TrialOutcome {
     /// Takes the `steps` of another trial if they are its own.
     fn new(Finished { trial, .. }: Finished, steps: &mut Arc<[u64]>) -> Self {
         let own = trial.evaluations.iter().map(|evaluation| evaluation.env_steps);
         if !own.clone().eq(steps.iter().copied()) {
             *steps = own.collect();
         }
+        let policy = |score: PolicyScore| PolicyOutcome { mean: score.mean, lasts: score.lasts };
         Self {
             seed: trial.seed,
-            best: trial.best.as_ref().map(Score::of),
-            final_: trial.final_.as_ref().map(Score::of),
+            best: trial.best.map(policy),
+            final_: trial.final_.map(policy),
             steps: Arc::clone(steps),
             stopped_by: trial.summary.and_then(|summary| history::stopped_by(summary.end_reason?)),
             means: trial.evaluations.iter().map(|evaluation| evaluation.mean).collect(),
@@ -79,7 +74,7 @@ impl Outcome {
 }
 
 /// The configs that have finished trials, and what is left out.
-pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, LeftOut), ReportError> {
+pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), ReportError> {
     let named = study_dir.study().configs.iter();
     let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {
         name: name.clone(),
@@ -90,7 +85,7 @@ pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, LeftOut), Report
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
     let left_out = study_dir.read(|trial| {
         let config = trial.config;
-        groups[config].outcomes.push(Outcome::new(trial, &mut steps[config]));
+        groups[config].outcomes.push(TrialOutcome::new(trial, &mut steps[config]));
         Ok(())
     })?;
     groups.retain(|group| !group.outcomes.is_empty());

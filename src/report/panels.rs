@@ -3,7 +3,7 @@
 use super::events::History;
 use super::plots::returns;
 use super::run::Run;
-use super::svg::{Plot, Shape};
+use super::svg::{Layout, Plot};
 use crate::agent::{STATISTICS, Statistic};
 
 /// (Environment steps, value).
@@ -16,13 +16,13 @@ const COLUMNS: usize = 600;
 const FOLDED_FROM: usize = 4;
 
 /// A plot in its two sizes, of which the style sheet shows one.
-pub(super) fn figure(draw: impl Fn(Shape) -> Plot) -> String {
-    let wide = draw(Shape::WIDE);
+pub(super) fn figure(draw: impl Fn(Layout) -> Plot) -> String {
+    let wide = draw(Layout::WIDE);
     format!(
         "<figure class=\"plot\">\n<figcaption>{}</figcaption>\n<div class=\"wide\">{}</div>\n<div class=\"narrow\">{}</div>\n</figure>\n",
         wide.caption(),
         wide.finish(),
-        draw(Shape::NARROW).finish()
+        draw(Layout::NARROW).finish()
     )
 }
 
@@ -37,7 +37,7 @@ pub(super) fn learning(runs: &[Run]) -> String {
         };
         panel(runs, end, known.title, known.is_logarithmic, of)
     };
-    let mut shown = figure(|shape| learning_curve(shape, runs, end));
+    let mut shown = figure(|layout| learning_curve(layout, runs, end));
     shown += &panel(runs, end, "Exploration: ε after an episode", false, |history| history.epsilon.clone());
     shown += &panel(runs, end, "Loss: mean over an episode", true, |history| history.loss.clone());
     let mut folded = String::new();
@@ -54,8 +54,8 @@ pub(super) fn learning(runs: &[Run]) -> String {
 }
 
 /// Of one run with the range of its evaluations; of several one colour for each.
-fn learning_curve(shape: Shape, runs: &[Run], end: f64) -> Plot {
-    let mut plot = returns(shape, "Learning curve", &runs[0].task, end);
+fn learning_curve(layout: Layout, runs: &[Run], end: f64) -> Plot {
+    let mut plot = returns(layout, "Learning curve", &runs[0].task, end);
     for (series, Run { name, history, .. }) in runs.iter().enumerate() {
         let evaluations: Points = history.evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
         if let [_] = runs {
@@ -98,8 +98,8 @@ fn panel(
         let air = 0.05 * (high - low.min(0.0));
         (if low < 0.0 { low - air } else { 0.0 }, high + air)
     };
-    figure(|shape| {
-        let mut plot = Plot::new(shape.low(), title, ["", ""], (0.0, end), range);
+    figure(|layout| {
+        let mut plot = Plot::new(layout.low(), title, ["", ""], (0.0, end), range);
         plot = if is_logarithmic { plot.logarithmic() } else { plot };
         lines.iter().enumerate().for_each(|(series, line)| plot.line(series, line));
         plot

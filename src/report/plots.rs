@@ -3,7 +3,7 @@
 use super::comparison::Comparison;
 use super::statistics::{Estimate, shown};
 use super::summary::{ConfigReport, StudyReport};
-use super::svg::{Plot, Shape};
+use super::svg::{Layout, Plot};
 use super::{Content, whole};
 use crate::env::Spec;
 use crate::run::names::PLOTS;
@@ -12,7 +12,7 @@ use crate::trainer::Evaluation;
 const STEPS: &str = "environment steps";
 
 /// Draws one plot of a study.
-type Draw = fn(&StudyReport, Shape) -> Plot;
+type Draw = fn(&StudyReport, Layout) -> Plot;
 
 /// The plots of a study: name and how it is drawn.
 pub(super) const STUDY: [(&str, Draw); 4] = [
@@ -24,7 +24,7 @@ pub(super) const STUDY: [(&str, Draw); 4] = [
 
 /// The files of a study's plots: name and content.
 pub(super) fn study(report: &StudyReport) -> Vec<(&'static str, Content)> {
-    STUDY.iter().map(|(name, draw)| (*name, whole(draw(report, Shape::FILE).finish()))).collect()
+    STUDY.iter().map(|(name, draw)| (*name, whole(draw(report, Layout::FILE).finish()))).collect()
 }
 
 /// The returns that a plot of these tasks shows, with some air above.
@@ -56,7 +56,7 @@ pub(super) fn run(
 ) -> Vec<(&'static str, Content)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
-    let mut plot = returns(Shape::FILE, &format!("Learning curve of {name}"), task, end);
+    let mut plot = returns(Layout::FILE, &format!("Learning curve of {name}"), task, end);
     for (series, (points, text)) in
         [(&points[..], "evaluations"), (training, "last 100 training episodes")].into_iter().enumerate()
     {
@@ -67,9 +67,9 @@ pub(super) fn run(
 }
 
 /// An empty plot of returns over environment steps.
-pub(super) fn returns(shape: Shape, title: &str, task: &Spec, end: f64) -> Plot {
+pub(super) fn returns(layout: Layout, title: &str, task: &Spec, end: f64) -> Plot {
     let returns = range(std::iter::once(task));
-    let mut plot = Plot::new(shape, title, [STEPS, "mean return"], (0.0, end), returns);
+    let mut plot = Plot::new(layout, title, [STEPS, "mean return"], (0.0, end), returns);
     draw_threshold(&mut plot, std::iter::once(task));
     plot
 }
@@ -105,11 +105,11 @@ fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
     plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
 }
 
-fn learning_curves(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> Plot {
+fn learning_curves(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> Plot {
     let points = configs.iter().flat_map(|config| &config.learning_curve).map(|point| &point.iqm);
     let title = with_intervals("Learning curves: IQM over seeds", points, "bootstrap");
     let (labels, end) = ([STEPS, "mean return of an evaluation"], last_step(configs));
-    let mut plot = Plot::new(shape, &title, labels, (0.0, end), range(tasks(configs)));
+    let mut plot = Plot::new(layout, &title, labels, (0.0, end), range(tasks(configs)));
     draw_threshold(&mut plot, tasks(configs));
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
@@ -120,13 +120,13 @@ fn learning_curves(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> P
     plot
 }
 
-fn performance_profile(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> Plot {
+fn performance_profile(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> Plot {
     let points = configs.iter().flat_map(|config| &config.performance_profile).map(|point| &point.share);
     let title = with_intervals("Performance profile of the final policies", points, "Wilson");
     let labels = ["mean return τ", "share of seeds above τ"];
     let (low, _) = range(tasks(configs));
     let high = tasks(configs).map(|task| task.return_range.1).fold(low, f64::max);
-    let mut plot = Plot::new(shape, &title, labels, (low, high), (0.0, 1.02));
+    let mut plot = Plot::new(layout, &title, labels, (low, high), (0.0, 1.02));
     for (series, config) in configs.iter().enumerate() {
         let points: Vec<_> =
             config.performance_profile.iter().map(|point| (point.tau, point.share)).collect();
@@ -136,10 +136,10 @@ fn performance_profile(StudyReport { configs, .. }: &StudyReport, shape: Shape) 
     plot
 }
 
-fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> Plot {
+fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> Plot {
     let end = last_step(configs);
     let title = "Steps before the first evaluation during training that solves";
-    let mut plot = Plot::new(shape, title, [STEPS, "share of seeds"], (0.0, end), (0.0, 1.02));
+    let mut plot = Plot::new(layout, title, [STEPS, "share of seeds"], (0.0, end), (0.0, 1.02));
     for (series, config) in configs.iter().enumerate() {
         let seeds = config.seeds as f64;
         let solved = config.steps_to_solve.solved.iter().enumerate();
@@ -159,7 +159,7 @@ fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, shape: Shape) -> Pl
 }
 
 /// The differences of the IQMs from the first config's; of one config alone its IQM. Only their range is shown.
-fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, shape: Shape) -> Plot {
+fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layout) -> Plot {
     let differences =
         comparisons.iter().map(|Comparison { labels, iqm_difference, .. }| (&labels[0], iqm_difference));
     let mut rows: Vec<(&String, &Estimate)> = differences.collect();
@@ -182,7 +182,7 @@ fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, shape: Shape)
     let count = rows.len() as f64;
     let label = if is_difference { "difference of the mean return" } else { "mean return" };
     let (x, y) = ((low - air, high + air), (0.0, count));
-    let mut plot = Plot::new(shape.for_rows(rows.len()), &title, [label, ""], x, y).without_y_ticks();
+    let mut plot = Plot::new(layout.for_rows(rows.len()), &title, [label, ""], x, y).without_y_ticks();
     if is_difference {
         plot.upright(0.0);
     }

@@ -6,8 +6,8 @@ use std::path::{Component, Path, PathBuf};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::events::{History, Series};
-use super::history::{self, Loss, Retention};
+use super::events::{History, StatisticSeries};
+use super::history::{self, LostSolution, Retention};
 use super::{FORMAT_VERSION, Report, ReportError, csv, parse, plots};
 use crate::config::EnvironmentConfig;
 use crate::env::Spec;
@@ -43,7 +43,7 @@ pub(super) struct RunReport {
     training: Option<Training>,
     retention: Option<Retention>,
     collapses: Vec<Collapse>,
-    dips: Vec<Loss>,
+    dips: Vec<LostSolution>,
     pub(super) statements: Vec<String>,
 }
 
@@ -102,18 +102,17 @@ pub(super) struct Run {
 }
 
 impl Run {
-    pub(super) fn read(folder: &Path, name: String) -> Result<Self, ReportError> {
-        let path = folder.join(CONFIG);
+    pub(super) fn read(directory: &Path, name: String) -> Result<Self, ReportError> {
+        let path = directory.join(CONFIG);
         let config: Value = parse(&path)?;
         // Not the whole config: another version may have written it.
         let environment = serde_json::from_value::<EnvironmentConfig>(config["environment"].clone());
         let environment = environment.map_err(|error| ReportError::new(&path, error))?;
         let task = environment.spec().map_err(|error| ReportError::new(&path, error))?;
-        let path = folder.join(METRICS);
+        let path = directory.join(METRICS);
         let history = History::read(&path)?;
         let evaluations = &history.evaluations;
-        let highest = evaluations.iter().max_by(|a, b| a.mean.total_cmp(&b.mean)).copied();
-        let (Some(best), Some(&final_)) = (history.best.or(highest), evaluations.last()) else {
+        let (Some(best), Some(&final_)) = (history.best, evaluations.last()) else {
             return Err(ReportError::new(&path, "holds no evaluation yet"));
         };
         let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();
@@ -125,7 +124,7 @@ impl Run {
             threshold: task.solved_return,
             half_way: history::half_way(evaluations, &task),
             seed: config["seed"].as_u64().unwrap_or_default(),
-            ended: history.ended,
+            ended: history.end_reason.is_some(),
             end_reason: history.end_reason,
             evaluations: evaluations.len(),
             solved_at_step: history::steps_to_solve(evaluations, &task),
@@ -144,10 +143,11 @@ impl Run {
 }
 
 /// What runs are called: the shortest ends of their paths that tell each from all others.
-pub(super) fn names(folders: &[PathBuf]) -> Result<Vec<String>, ReportError> {
-    let absolute =
-        |folder: &PathBuf| folder.canonicalize().map_err(|error| ReportError::unreadable(folder, &error));
-    let paths = folders.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
+pub(super) fn names(directories: &[PathBuf]) -> Result<Vec<String>, ReportError> {
+    let absolute = |directory: &PathBuf| {
+        directory.canonicalize().map_err(|error| ReportError::unreadable(directory, &error))
+    };
+    let paths = directories.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
     let parts: Vec<Vec<Component>> = paths.iter().map(|path| path.components().rev().collect()).collect();
     let name = |i: usize| {
         let own = &parts[i];
@@ -157,7 +157,7 @@ pub(super) fn names(folders: &[PathBuf]) -> Result<Vec<String>, ReportError> {
         };
         let count = (1..=own.len()).find(|&count| is_other(count));
         let count =
-            count.ok_or_else(|| ReportError::new(&folders[i], "is given twice; give every run once"))?;
+            count.ok_or_else(|| ReportError::new(&directories[i], "is given twice; give every run once"))?;
         let end: PathBuf = own[..count].iter().rev().collect();
         Ok(visible(&end.to_string_lossy()))
     };
@@ -165,9 +165,9 @@ pub(super) fn names(folders: &[PathBuf]) -> Result<Vec<String>, ReportError> {
 }
 
 /// The report of the run in a directory.
-pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
-    let name = names(&[folder.to_owned()])?.concat();
-    let Run { name, task, history, report, .. } = Run::read(folder, name)?;
+pub(super) fn report(directory: &Path) -> Result<Report, ReportError> {
+    let name = names(&[directory.to_owned()])?.concat();
+    let Run { name, task, history, report, .. } = Run::read(directory, name)?;
     let mut files = plots::run(&name, &task, &history.evaluations, &history.training);
     let text = report.statements.iter().map(|statement| wrapped(statement, 2)).collect();
     let (seed, json) = (report.seed, json!(report));
@@ -180,7 +180,10 @@ pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
 
 impl History {
     /// What is told of a loss that was a collapse. Only what moved since the last evaluation that solved can have to do with it.
-    fn collapse(&self, &Loss { before, lowest, collapse, recovered, .. }: &Loss) -> Option<Collapse> {
+    fn collapse(
+        &self,
+        &LostSolution { before, lowest, collapse, recovered, .. }: &LostSolution,
+    ) -> Option<Collapse> {
         let after = collapse?;
         let moved_first = moved_first(&self.statistics, before.env_steps, after.env_steps);
         Some(Collapse { before, after, lowest, recovered, moved_first })
@@ -188,7 +191,7 @@ impl History {
 }
 
 /// The statistics that left their usual range first from `start` to `end`: all that did so at the earliest step.
-fn moved_first(statistics: &Series, start: u64, end: u64) -> Vec<Moved> {
+fn moved_first(statistics: &StatisticSeries, start: u64, end: u64) -> Vec<Moved> {
     let moved: Vec<Moved> =
         statistics.iter().filter_map(|(name, samples)| first_move(name, samples, start, end)).collect();
     let earliest = moved.iter().map(|moved| moved.env_steps).min();

@@ -35,11 +35,7 @@ impl Estimate {
 
     /// A statistic of a sample with its percentile bootstrap interval; above [`EXACT_SEEDS`] seeds with one of groups.
     pub fn of(sample: &Sample, statistic: impl Fn(&Sample) -> f64) -> Self {
-        if sample.len() <= EXACT_SEEDS {
-            return Self::exact(sample, statistic);
-        }
-        let grouped = sample.grouped();
-        Self::exact(&grouped, &statistic).moved_to(statistic(sample))
+        Self::exact(&sample.grouped(), &statistic).moved_to(statistic(sample))
     }
 
     /// As [`Self::of`], seed by seed, however many there are.
@@ -54,9 +50,6 @@ impl Estimate {
 
     /// A statistic of two independent samples with its percentile bootstrap interval; as [`Self::of`].
     pub fn of_two(x: &Sample, y: &Sample, statistic: impl Fn(&Sample, &Sample) -> f64) -> Self {
-        if x.len().max(y.len()) <= EXACT_SEEDS {
-            return Self::exact_of_two(x, y, statistic);
-        }
         Self::exact_of_two(&x.grouped(), &y.grouped(), &statistic).moved_to(statistic(x, y))
     }
 

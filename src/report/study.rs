@@ -1,26 +1,25 @@
 //! The report of a study, from its files.
 
-use std::fmt::Write;
 use std::path::Path;
 
 use serde_json::json;
 
-use super::comparison::{Comparison, Scored, early_ends, statements};
+use super::comparison::{Comparison, Scored, early_ends};
+use super::failures::{failures, last_tries, last_try_lines};
 use super::outcome::{self, Group};
-use super::ranking::{self, Labels, Ranked, failure_lines, failures, last_tries, last_try_lines};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
-use super::summary::{Bootstrap, ConfigReport, StudyReport, config_report};
-use super::text::{describe, footnote};
+use super::summary::{ConfigReport, StudyReport, config_report};
+use super::text::{self, Labels, describe};
 use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
 use crate::run::names::EVALUATIONS;
-use crate::study::{self, LastTry, LeftOut, NamedConfig, StudyDir};
-use crate::text::{legend, table, wrapped};
+use crate::study::{self, LastTry, NamedConfig, StudyDir};
+use crate::text::{visible, wrapped};
 use crate::trainer::Evaluation;
 
 /// Most configs that a note names.
 const MAX_NAMED: usize = 3;
 /// A study that has been read and judged.
-pub(super) struct Study {
+pub(super) struct ReadStudy {
     pub(super) configs: Vec<NamedConfig>,
     groups: Vec<Group>,
     pub(super) report: StudyReport,
@@ -28,14 +27,23 @@ pub(super) struct Study {
     pub(super) notes: Vec<String>,
 }
 
-impl Study {
-    pub(super) fn read(folder: &Path) -> Result<Self, ReportError> {
-        let study_dir = StudyDir::open_to_read(folder)?;
-        let (groups, left_out) = read_groups(folder, &study_dir)?;
+impl ReadStudy {
+    pub(super) fn read(path: &Path) -> Result<Self, ReportError> {
+        Self::of(&StudyDir::open_to_read(path)?)
+    }
+
+    fn of(study_dir: &StudyDir) -> Result<Self, ReportError> {
         let study = study_dir.study();
+        let (groups, left_out) = outcome::read(study_dir)?;
+        if groups.is_empty() {
+            let why = describe_last_tries(study, left_out.last_tries);
+            return Err(ReportError::new(
+                study_dir.path(),
+                format!("no trial is finished yet; run the study's command first\n{why}").trim_end(),
+            ));
+        }
         let mut configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
-        let ranked: Vec<Ranked> = configs.iter().map(ConfigReport::ranked).collect();
-        let labels = ranking::labels(study, &ranked);
+        let labels = text::labels(study, &configs);
         for config in &mut configs {
             config.label.clone_from(&labels[&config.name]);
         }
@@ -48,7 +56,7 @@ impl Study {
             failed: configs.iter().map(|config| config.failed).sum(),
             failures: failures(&groups),
             last_tries: last_tries(study, left_out.last_tries),
-            bootstrap: Bootstrap { confidence: 0.95, resamples: RESAMPLES, seed: BOOTSTRAP_SEED },
+            bootstrap: json!({"confidence": 0.95, "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED}),
             warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs, &labels)).collect(),
             comparisons: comparisons(configs.iter().map(ConfigReport::scored)),
             seeds: study.seeds.clone(),
@@ -59,8 +67,8 @@ impl Study {
 }
 
 /// The report of the study in a directory.
-pub(super) fn report(folder: &Path) -> Result<Report, ReportError> {
-    let Study { groups, report, notes, .. } = Study::read(folder)?;
+pub(super) fn report(path: &Path) -> Result<Report, ReportError> {
+    let ReadStudy { groups, report, notes, .. } = ReadStudy::read(path)?;
     let mut files = plots::study(&report);
     let (text, json) = (describe(&report), json!(report));
     files.insert(0, (EVALUATIONS, Box::new(move |file| csv(file, runs(&groups)))));
@@ -80,21 +88,9 @@ fn runs(groups: &[Group]) -> impl Iterator<Item = (&str, u64, Vec<Evaluation>)> 
     })
 }
 
-fn read_groups(folder: &Path, study_dir: &StudyDir) -> Result<(Vec<Group>, LeftOut), ReportError> {
-    let (groups, left_out) = outcome::read(study_dir)?;
-    if groups.is_empty() {
-        let why = describe_last_tries(study_dir.study(), left_out.last_tries);
-        return Err(ReportError::new(
-            folder,
-            format!("no trial is finished yet; run the study's command first\n{why}").trim_end(),
-        ));
-    }
-    Ok((groups, left_out))
-}
-
 /// Why the last tries of missing trials ended, in words; nothing if there was none.
 pub fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
-    last_try_lines(&last_tries(study, tries), &Labels::new()).iter().map(|line| wrapped(line, 0)).collect()
+    last_try_lines(&last_tries(study, tries), &visible).iter().map(|line| wrapped(line, 0)).collect()
 }
 
 /// What a reader must know of the numbers: one note for all configs that it is true of.
@@ -134,37 +130,5 @@ fn warnings(manifest: &study::Study, configs: &[ConfigReport], labels: &Labels) 
 /// # Errors
 /// When nothing has been finished in it, or a file in it is damaged.
 pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
-    let (groups, _) = read_groups(study_dir.path(), study_dir)?;
-    let ranked: Vec<Ranked> = groups.iter().map(Ranked::of).collect();
-    let sum = |of: fn(&Ranked) -> usize| ranked.iter().map(of).sum::<usize>();
-    let trials = sum(|config| config.seeds);
-    let solved = match groups[0].task.solved_return {
-        Some(_) => {
-            let (count, goal) = (sum(|config| config.solved), groups[0].task.goal());
-            format!("{count} by the final policy (mean return {goal} over eval's 100 episodes)")
-        }
-        None => "unknown, since the task has no threshold".into(),
-    };
-    let failed = sum(|config| config.failed);
-    let mut text =
-        format!("trials     {trials}\nsolved     {solved}\nfailed     {failed}\n\n{}\n", ranking::HEADING);
-    let order = ranking::order(ranked.iter());
-    let labels = ranking::labels(study_dir.study(), &ranked);
-    text += &table(&ranking::rows(order.iter().map(|&i| &ranked[i]), &labels));
-    text += &legend(ranked.iter().map(|config| (labels[&config.name].as_str(), config.name.as_str())));
-    for statement in statements(&comparisons(ranked.iter().map(|config| config.scored(&labels)))) {
-        text += &wrapped(&statement, 2);
-    }
-    for line in failure_lines(&failures(&groups), trials, &labels) {
-        text += &wrapped(&line, 7);
-    }
-    if let Some(note) = early_ends(&groups) {
-        text += &wrapped(&format!("note: {note}"), 0);
-    }
-    text += &wrapped(&footnote(&groups[0].task, ranked.iter().any(|config| config.iqm.low.is_some())), 0);
-    if ranked.iter().any(|config| config.seeds < LEAST_SEEDS) {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "With fewer than {LEAST_SEEDS} seeds there are no 95 % intervals.");
-    }
-    Ok(text)
+    Ok(text::standing(&ReadStudy::of(study_dir)?.report))
 }

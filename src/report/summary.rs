@@ -6,11 +6,12 @@ use std::panic::resume_unwind;
 use std::thread;
 
 use serde::Serialize;
+use serde_json::Value;
 
 use super::comparison::{Comparison, Scored};
+use super::failures::Failures;
 use super::history::{self, Retention};
-use super::outcome::{Group, Outcome, Score};
-use super::ranking::{Failures, score};
+use super::outcome::{Group, PolicyOutcome, TrialOutcome, score};
 use super::statistics::{self, Estimate, Sample, iqm, mean, median, sorted};
 use crate::env::Spec;
 use crate::trainer::Evaluation;
@@ -33,17 +34,10 @@ pub(super) struct StudyReport {
     /// Why the last tries of missing trials ended.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) last_tries: Vec<Failures>,
-    pub(super) bootstrap: Bootstrap,
+    pub(super) bootstrap: Value,
     pub(super) warnings: Vec<String>,
     pub(super) configs: Vec<ConfigReport>,
     pub(super) comparisons: Vec<Comparison>,
-}
-
-#[derive(Serialize)]
-pub(super) struct Bootstrap {
-    pub(super) confidence: f64,
-    pub(super) resamples: usize,
-    pub(super) seed: u64,
 }
 
 /// What one config came to over its seeds.
@@ -73,7 +67,7 @@ pub(super) struct ConfigReport {
     pub(super) retention: ConfigRetention,
     /// None where the study did not ask.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) endurance: Option<Endurance>,
+    pub(super) lasting: Option<Lasting>,
     pub(super) performance_profile: Vec<ProfilePoint>,
     pub(super) learning_curve: Vec<CurvePoint>,
     /// The sorted final scores, for the comparisons.
@@ -107,9 +101,9 @@ pub(super) struct ConfigRetention {
     pub(super) dipped_seeds: usize,
 }
 
-/// How many seeds have a policy that lasts [`study::ENDURANCE_STEPS`] steps from every start.
+/// How many seeds have a policy that lasts [`LASTING_STEPS`](crate::study::LASTING_STEPS) steps from every start.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Endurance {
+pub(super) struct Lasting {
     #[serde(rename = "final")]
     pub(super) final_: usize,
     pub(super) best: usize,
@@ -146,13 +140,14 @@ impl ConfigReport {
 }
 
 pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigReport {
-    let finals = sorted(outcomes.iter().map(|outcome| score(outcome.final_.as_ref(), task)));
-    let bests = sorted(outcomes.iter().map(|outcome| score(outcome.best.as_ref(), task)));
+    let finals = sorted(outcomes.iter().map(|outcome| score(outcome.final_, task)));
+    let bests = sorted(outcomes.iter().map(|outcome| score(outcome.best, task)));
     let solved = |scores: &Sample| scores.iter().filter(|&(score, _)| task.is_solved_by(score)).count();
     let (final_solved, best_solved) = (solved(&finals), solved(&bests));
     let longest = outcomes.iter().max_by_key(|outcome| outcome.steps.last());
     let grid: &[u64] = longest.map_or(&[], |outcome| &outcome.steps);
-    let curve = |outcome: &Outcome| grid.iter().map(|&step| outcome.value_at(step, task)).collect::<Vec<_>>();
+    let curve =
+        |outcome: &TrialOutcome| grid.iter().map(|&step| outcome.value_at(step, task)).collect::<Vec<_>>();
     let areas = sorted(outcomes.iter().map(|outcome| history::area_under_curve(grid, &curve(outcome))));
     ConfigReport {
         name: name.clone(),
@@ -173,15 +168,15 @@ pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigRep
         area_under_curve: Estimate::of(&areas, iqm),
         steps_to_solve: steps_to_solve(task, outcomes),
         retention: retention(task, outcomes),
-        endurance: endurance(outcomes),
+        lasting: lasting(outcomes),
         performance_profile: profile(task, &finals),
         learning_curve: learning_curve(task, grid, outcomes),
         scores: finals,
     }
 }
 
-fn steps_to_solve(task: &Spec, outcomes: &[Outcome]) -> StepsToSolve {
-    let steps = |outcome: &Outcome| history::steps_to_solve(&outcome.evaluations(), task);
+fn steps_to_solve(task: &Spec, outcomes: &[TrialOutcome]) -> StepsToSolve {
+    let steps = |outcome: &TrialOutcome| history::steps_to_solve(&outcome.evaluations(), task);
     let mut solved: Vec<u64> = outcomes.iter().filter_map(steps).collect();
     solved.sort_unstable();
     let quantile = |q| statistics::censored_quantile(&solved, outcomes.len(), q);
@@ -196,16 +191,13 @@ fn steps_to_solve(task: &Spec, outcomes: &[Outcome]) -> StepsToSolve {
     }
 }
 
-fn endurance(outcomes: &[Outcome]) -> Option<Endurance> {
-    let endures = |of: fn(&Outcome) -> Option<&Score>| {
-        outcomes.iter().filter_map(move |outcome| of(outcome).and_then(Score::endures))
+fn lasting(outcomes: &[TrialOutcome]) -> Option<Lasting> {
+    outcomes.iter().find_map(|outcome| outcome.best?.lasts)?;
+    let count = |of: fn(&TrialOutcome) -> Option<PolicyOutcome>| {
+        outcomes.iter().filter(|outcome| of(outcome).and_then(|policy| policy.lasts) == Some(true)).count()
     };
-    let (finals, bests) =
-        (|| endures(|outcome| outcome.final_.as_ref()), || endures(|outcome| outcome.best.as_ref()));
-    finals().chain(bests()).next()?;
-    let (final_, best) =
-        (finals().filter(|&endures| endures).count(), bests().filter(|&endures| endures).count());
-    Some(Endurance {
+    let (final_, best) = (count(|outcome| outcome.final_), count(|outcome| outcome.best));
+    Some(Lasting {
         final_,
         best,
         final_share: Estimate::share(final_, outcomes.len()),
@@ -213,7 +205,7 @@ fn endurance(outcomes: &[Outcome]) -> Option<Endurance> {
     })
 }
 
-fn retention(task: &Spec, outcomes: &[Outcome]) -> ConfigRetention {
+fn retention(task: &Spec, outcomes: &[TrialOutcome]) -> ConfigRetention {
     let kept: Vec<(u64, Retention)> = outcomes
         .iter()
         .filter_map(|outcome| Some((outcome.seed, history::retention(&outcome.evaluations(), task)?)))
@@ -244,7 +236,7 @@ fn profile(task: &Spec, scores: &Sample) -> Vec<ProfilePoint> {
     taus.map(|tau| ProfilePoint { tau, share: share(tau) }).collect()
 }
 
-fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[Outcome]) -> Vec<CurvePoint> {
+fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[TrialOutcome]) -> Vec<CurvePoint> {
     let point = |&env_steps: &u64| {
         let sample = sorted(outcomes.iter().map(|outcome| outcome.value_at(env_steps, task)));
         CurvePoint { env_steps, iqm: Estimate::of(&sample, iqm) }

@@ -14,7 +14,7 @@ const TICK: (f64, f64) = (48.0, 32.0);
 
 /// The size of a plot in pixels, and what surrounds its axes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shape {
+pub(super) struct Layout {
     width: f64,
     height: f64,
     left: f64,
@@ -25,7 +25,7 @@ pub(super) struct Shape {
     labelled: bool,
 }
 
-impl Shape {
+impl Layout {
     /// A file of its own.
     pub(super) const FILE: Self = Self {
         width: 720.0,
@@ -59,6 +59,8 @@ const BACKGROUND: &str = "#fff";
 const GRID: &str = "#e4e4e4";
 const AXIS: &str = "#444";
 const LEVEL: &str = "#888";
+/// The style of a line that only helps to read.
+const THIN: &str = r##"stroke="#888" stroke-dasharray="2 4""##;
 
 /// What a dark page shows instead of the colours.
 pub(super) const DARK: [(&str, &str); 11] = [
@@ -78,7 +80,7 @@ pub(super) const DARK: [(&str, &str); 11] = [
 /// A plot that is being drawn.
 #[derive(Debug)]
 pub(super) struct Plot {
-    shape: Shape,
+    layout: Layout,
     /// In lines.
     title: Vec<String>,
     labels: [String; 2],
@@ -95,16 +97,16 @@ pub(super) struct Plot {
 impl Plot {
     /// A plot over the given ranges. See [`drawable`] for one that is none.
     pub(super) fn new(
-        shape: Shape,
+        layout: Layout,
         title: &str,
         [x_label, y_label]: [&str; 2],
         x: (f64, f64),
         y: (f64, f64),
     ) -> Self {
         let title = lines(&visible(title), LINE);
-        let more = if shape.labelled { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
+        let more = if layout.labelled { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
         Self {
-            shape: Shape { top: shape.top + more, height: shape.height + more, ..shape },
+            layout: Layout { top: layout.top + more, height: layout.height + more, ..layout },
             title,
             labels: [escaped(x_label), escaped(y_label)],
             x: drawable(x),
@@ -133,7 +135,7 @@ impl Plot {
         let share = |value: f64, (low, high): (f64, f64)| {
             ((value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)).clamp(0.0, 1.0)
         };
-        let Shape { width, height, left, right, top, bottom, .. } = self.shape;
+        let Layout { width, height, left, right, top, bottom, .. } = self.layout;
         (
             left + share(x, self.x) * (width - left - right),
             height - bottom - share(y, self.y) * (height - top - bottom),
@@ -160,21 +162,17 @@ impl Plot {
     }
 
     fn line_of_width(&mut self, series: usize, points: &[(f64, f64)], width: &str) {
+        let colour = colour(series);
         if let [point @ (x, y)] = points
             && x.is_finite()
             && y.is_finite()
         {
             // A line through one point has no length.
-            let ((x, y), colour) = (self.place(*point), colour(series));
-            let _ = writeln!(self.marks, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3" fill="{colour}"/>"#);
+            let (x, y) = self.place(*point);
+            self.marks += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" fill=\"{colour}\"/>\n");
         }
-        let path = self.path(points.iter().copied());
-        let _ = writeln!(
-            self.marks,
-            r#"<path d="{path}" fill="none" stroke="{}" stroke-width="{width}"{}/>"#,
-            colour(series),
-            dashes(series)
-        );
+        let style = format!(r#"fill="none" stroke="{colour}" stroke-width="{width}"{}"#, dashes(series));
+        self.marks += &(path(&self.path(points.iter().copied()), &style) + "\n");
     }
 
     /// A line that keeps each y until the next x.
@@ -190,50 +188,40 @@ impl Plot {
             return;
         }
         let upper = points.iter().map(|&(x, _, high)| (x, high));
-        let path = self.path(upper.chain(points.iter().rev().map(|&(x, low, _)| (x, low))));
-        let _ = writeln!(self.marks, r#"<path d="{path}Z" fill="{}" fill-opacity="0.18"/>"#, colour(series));
+        let outline = self.path(upper.chain(points.iter().rev().map(|&(x, low, _)| (x, low)))) + "Z";
+        let style = format!(r#"fill="{}" fill-opacity="0.18""#, colour(series));
+        self.marks += &(path(&outline, &style) + "\n");
     }
 
     /// A point at `x` in the height `y` with its interval, and a text above.
-    pub(super) fn interval(&mut self, series: usize, y: f64, x: f64, ends: Option<(f64, f64)>, text: &str) {
+    pub(super) fn interval(&mut self, series: usize, y: f64, x: f64, ends: Option<(f64, f64)>, said: &str) {
         if !x.is_finite() {
             return;
         }
-        let (middle, height) = self.place((x, y));
-        let colour = colour(series);
+        let ((middle, height), colour) = (self.place((x, y)), colour(series));
         if let Some((low, high)) = ends {
-            let path = self.path([(low, y), (high, y)].into_iter());
-            let _ = writeln!(self.marks, r#"<path d="{path}" stroke="{colour}" stroke-width="3"/>"#);
+            let style = format!(r#"stroke="{colour}" stroke-width="3""#);
+            self.marks += &(path(&self.path([(low, y), (high, y)].into_iter()), &style) + "\n");
         }
-        let _ = writeln!(self.marks, r#"<circle cx="{middle:.1}" cy="{height:.1}" r="5" fill="{colour}"/>"#);
-        let above = height - 10.0;
-        let _ = writeln!(
-            self.marks,
-            r#"<text x="{:.1}" y="{above:.1}">{}</text>"#,
-            self.shape.left + 8.0,
-            escaped(text)
-        );
+        self.marks += &format!("<circle cx=\"{middle:.1}\" cy=\"{height:.1}\" r=\"5\" fill=\"{colour}\"/>\n");
+        self.marks += &(text(self.layout.left + 8.0, height - 10.0, "", &escaped(said)) + "\n");
     }
 
     /// A thin line upwards.
     pub(super) fn upright(&mut self, x: f64) {
-        let path = self.path([(x, self.y.0), (x, self.y.1)].into_iter());
-        let _ = writeln!(self.marks, r#"<path d="{path}" stroke="{LEVEL}" stroke-dasharray="2 4"/>"#);
+        self.marks += &(path(&self.path([(x, self.y.0), (x, self.y.1)].into_iter()), THIN) + "\n");
     }
 
     /// A thin horizontal line with a text.
-    pub(super) fn level(&mut self, y: f64, text: &str) {
+    pub(super) fn level(&mut self, y: f64, said: &str) {
         if !y.is_finite() {
             return;
         }
         let (left, height) = self.place((self.x.0, y));
-        let right = self.shape.width - self.shape.right;
-        let _ = writeln!(
-            self.marks,
-            r##"<path d="M{left:.1},{height:.1}L{right:.1},{height:.1}" stroke="{LEVEL}" stroke-dasharray="2 4"/><text x="{right:.1}" y="{:.1}" text-anchor="end" fill="#666">{}</text>"##,
-            height + 13.0,
-            escaped(text)
-        );
+        let right = self.layout.width - self.layout.right;
+        self.marks += &path(&format!("M{left:.1},{height:.1}L{right:.1},{height:.1}"), THIN);
+        let style = r##" text-anchor="end" fill="#666""##;
+        self.marks += &(text(right, height + 13.0, style, &escaped(said)) + "\n");
     }
 
     /// An entry of the legend, below the plot.
@@ -243,18 +231,13 @@ impl Plot {
 
     fn drawn_legend(&self) -> String {
         let mut legend = String::new();
-        let Shape { height, left, .. } = self.shape;
+        let Layout { height, left, .. } = self.layout;
         let mut y = height;
         for (series, text) in &self.legend {
-            let _ = writeln!(
-                legend,
-                r#"<path d="M{left},{y}h24" stroke="{}" stroke-width="3"{}/>"#,
-                colour(*series),
-                dashes(*series)
-            );
+            legend += &(sample(&format!("M{left},{y}h24"), *series) + "\n");
             for line in lines(text, LINE) {
-                let (x, baseline) = (left + 32.0, y + 4.0);
-                let _ = writeln!(legend, r#"<text x="{x}" y="{baseline}">{}</text>"#, escaped(&line));
+                let (x, baseline, line) = (left + 32.0, y + 4.0, escaped(&line));
+                legend += &format!("<text x=\"{x}\" y=\"{baseline}\">{line}</text>\n");
                 y += LEGEND_LINE;
             }
         }
@@ -265,16 +248,11 @@ impl Plot {
     pub(super) fn caption(&self) -> String {
         let mut caption = format!("<b>{}</b>", self.escaped_title());
         if !self.labels[1].is_empty() {
-            let _ = write!(caption, " ({})", self.labels[1]);
+            caption += &format!(" ({})", self.labels[1]);
         }
         for (series, text) in &self.legend {
-            let _ = write!(
-                caption,
-                r#" <span><svg viewBox="0 0 24 6"><path d="M0,3h24" stroke="{}" stroke-width="3"{}/></svg> {text}</span>"#,
-                colour(*series),
-                dashes(*series),
-                text = escaped(text)
-            );
+            let (line, text) = (sample("M0,3h24", *series), escaped(text));
+            caption += &format!(r#" <span><svg viewBox="0 0 24 6">{line}</svg> {text}</span>"#);
         }
         caption
     }
@@ -295,39 +273,30 @@ impl Plot {
         let mut axes = String::new();
         let (left, bottom) = self.place((self.x.0, self.y.0));
         let (right, top) = self.place((self.x.1, self.y.1));
-        let most = ((self.shape.width - self.shape.left - self.shape.right) / TICK.0).min(10.0);
+        let grid = format!("stroke=\"{GRID}\"");
+        let most = ((self.layout.width - self.layout.left - self.layout.right) / TICK.0).min(10.0);
         let x_ticks = ticks(self.x, most);
-        for (&tick, text) in x_ticks.iter().zip(numbers(&x_ticks)) {
+        for (&tick, number) in x_ticks.iter().zip(numbers(&x_ticks)) {
             let (x, _) = self.place((tick, 0.0));
-            let _ = writeln!(
-                axes,
-                r##"<path d="M{x:.1},{top:.1}V{bottom:.1}" stroke="{GRID}"/><text x="{x:.1}" y="{:.1}" text-anchor="middle">{text}</text>"##,
-                bottom + 18.0,
-            );
+            axes += &path(&format!("M{x:.1},{top:.1}V{bottom:.1}"), &grid);
+            axes += &(text(x, bottom + 18.0, r#" text-anchor="middle""#, &number) + "\n");
         }
         let y_ticks = self.y_tick_values();
-        for (&tick, text) in y_ticks.iter().zip(numbers(&y_ticks)) {
+        for (&tick, number) in y_ticks.iter().zip(numbers(&y_ticks)) {
             let (_, y) = self.place((0.0, tick));
-            let text = if self.is_logarithmic { format!("1e{tick}") } else { text };
-            let _ = writeln!(
-                axes,
-                r##"<path d="M{left:.1},{y:.1}H{right:.1}" stroke="{GRID}"/><text x="{:.1}" y="{:.1}" text-anchor="end">{text}</text>"##,
-                left - 8.0,
-                y + 4.0,
-            );
+            let number = if self.is_logarithmic { format!("1e{tick}") } else { number };
+            axes += &path(&format!("M{left:.1},{y:.1}H{right:.1}"), &grid);
+            axes += &(text(left - 8.0, y + 4.0, r#" text-anchor="end""#, &number) + "\n");
         }
-        let _ = writeln!(
-            axes,
-            r##"<path d="M{left:.1},{top:.1}V{bottom:.1}H{right:.1}" fill="none" stroke="{AXIS}"/>"##
-        );
-        axes
+        let frame = format!("M{left:.1},{top:.1}V{bottom:.1}H{right:.1}");
+        axes + &path(&frame, &format!(r#"fill="none" stroke="{AXIS}""#)) + "\n"
     }
 
     fn y_tick_values(&self) -> Vec<f64> {
         if !self.y_ticks {
             return Vec::new();
         }
-        let most = ((self.shape.height - self.shape.top - self.shape.bottom) / TICK.1).min(10.0);
+        let most = ((self.layout.height - self.layout.top - self.layout.bottom) / TICK.1).min(10.0);
         let mut values = ticks(self.y, most);
         values.retain(|tick| !self.is_logarithmic || tick.fract() == 0.0);
         values
@@ -335,7 +304,7 @@ impl Plot {
 
     /// The whole SVG file.
     pub(super) fn finish(self) -> String {
-        let Shape { width, height: plot_height, left, right, top, bottom, labelled } = self.shape;
+        let Layout { width, height: plot_height, left, right, top, bottom, labelled } = self.layout;
         let middle = (left + width - right) / 2.0;
         let side = (top + plot_height - bottom) / 2.0;
         let [x_label, y_label] = &self.labels;
@@ -364,6 +333,19 @@ impl Plot {
             marks = self.marks,
         )
     }
+}
+
+fn path(commands: &str, style: &str) -> String {
+    format!("<path d=\"{commands}\" {style}/>")
+}
+
+fn text(x: f64, y: f64, style: &str, content: &str) -> String {
+    format!("<text x=\"{x:.1}\" y=\"{y:.1}\"{style}>{content}</text>")
+}
+
+/// A piece of a series' line, for a legend.
+fn sample(commands: &str, series: usize) -> String {
+    path(commands, &format!(r#"stroke="{}" stroke-width="3"{}"#, colour(series), dashes(series)))
 }
 
 fn colour(series: usize) -> &'static str {

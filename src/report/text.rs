@@ -1,12 +1,14 @@
 //! The report of a study in words: tables and notes.
 
+use std::collections::BTreeMap;
+
 use super::comparison::{Comparison, statements};
-use super::ranking::{self, Ranked, failure_lines, last_try_lines};
+use super::failures::{failure_lines, last_try_lines};
 use super::statistics::{Estimate, shown};
-use super::summary::{ConfigReport, ConfigRetention, Endurance, StepsToSolve, StudyReport};
-use crate::env::Spec;
-use crate::study;
-use crate::text::{legend, table, visible, wrapped};
+use super::summary::{ConfigReport, ConfigRetention, Lasting, StepsToSolve, StudyReport};
+use crate::study::{LASTING_STEPS, SCORE_EPISODES, Study};
+use crate::text::{self, COLUMNS, GAP, LEAST_NAME, legend, table, visible, width, wrapped};
+use crate::trainer::LASTING_EPISODES;
 
 fn share_shown(count: usize, share: &Estimate) -> String {
     let percent = |value: f64| 100.0 * value;
@@ -17,19 +19,6 @@ fn share_shown(count: usize, share: &Estimate) -> String {
 }
 
 impl ConfigReport {
-    pub(super) fn ranked(&self) -> Ranked {
-        Ranked {
-            name: self.name.clone(),
-            task: self.task.clone(),
-            seeds: self.seeds,
-            failed: self.failed,
-            solved: self.final_solved,
-            iqm: self.final_iqm,
-            mean: self.final_mean.value,
-            finals: self.scores.clone(),
-        }
-    }
-
     /// How many policies solve.
     fn solved(&self) -> Vec<String> {
         vec![
@@ -64,12 +53,57 @@ pub(super) struct Table {
     pub(super) rows: Vec<Vec<String>>,
 }
 
+/// How tables, sentences and pictures call the configs of a study: name → label.
+pub(super) type Labels = BTreeMap<String, String>;
+
+/// The labels that leave the ranked table in [`COLUMNS`].
+pub(super) fn labels(study: &Study, configs: &[ConfigReport]) -> Labels {
+    let Table { rows, .. } = ranked(configs);
+    let widest = |i: usize| rows.iter().map(|row| width(&row[i])).max().unwrap_or(0) + GAP.len();
+    let taken: usize = (0..rows[0].len()).filter(|&i| i != 1).map(widest).sum();
+    let names: Vec<&str> = study.configs.iter().map(|config| config.name.as_str()).collect();
+    let labels = text::labels(&names, COLUMNS.saturating_sub(taken).max(LEAST_NAME));
+    names.iter().map(ToString::to_string).zip(labels).collect()
+}
+
+/// The places of the configs, the best first: by final IQM, then by mean, then as the study has them.
+fn order(configs: &[ConfigReport]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..configs.len()).collect();
+    order.sort_by(|&a, &b| {
+        let (a, b) = (&configs[a], &configs[b]);
+        let by_iqm = b.final_iqm.value.total_cmp(&a.final_iqm.value);
+        by_iqm.then(b.final_mean.value.total_cmp(&a.final_mean.value))
+    });
+    order
+}
+
+/// The first table of a report.
+fn ranked(configs: &[ConfigReport]) -> Table {
+    let heading = ["rank", "config", "seeds", "failed", "solved", "IQM", "mean"].map(String::from);
+    let row = |(rank, i): (usize, usize)| {
+        let config = &configs[i];
+        vec![
+            (rank + 1).to_string(),
+            config.label.clone(),
+            config.seeds.to_string(),
+            config.failed.to_string(),
+            config.final_solved.to_string(),
+            shown(&config.final_iqm, 1),
+            format!("{:.1}", config.final_mean.value),
+        ]
+    };
+    Table {
+        title: "Mean return of the final policies over the seeds, the best config first:".into(),
+        rows: std::iter::once(heading.to_vec())
+            .chain(order(configs).into_iter().enumerate().map(row))
+            .collect(),
+    }
+}
+
 /// The tables of a report, the best config first in each.
 pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
     let configs = &report.configs;
-    let ranked: Vec<Ranked> = configs.iter().map(ConfigReport::ranked).collect();
-    let labels = names(report).map(|(label, name)| (name.to_owned(), label.to_owned())).collect();
-    let order = ranking::order(ranked.iter());
+    let order = order(configs);
     let table = |title: &str, heading: &[&str], cells: &dyn Fn(usize) -> Option<Vec<String>>| {
         let mut rows = vec![["rank", "config"].iter().chain(heading).map(ToString::to_string).collect()];
         for (rank, &i) in order.iter().enumerate() {
@@ -79,10 +113,7 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
         Table { title: title.into(), rows }
     };
     let mut tables = vec![
-        Table {
-            title: ranking::HEADING.into(),
-            rows: ranking::rows(order.iter().map(|&i| &ranked[i]), &labels),
-        },
+        ranked(configs),
         table(
             "How many seeds' final policy solves, and how many seeds' best one:",
             &["final solved", "best solved"],
@@ -105,16 +136,15 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
             Some(vec![shown(&configs[i].final_mean, 1), shown(&configs[i].final_median, 1)])
         }),
     ];
-    if configs.iter().any(|config| config.endurance.is_some()) {
+    if configs.iter().any(|config| config.lasting.is_some()) {
         tables.push(table(
             &format!(
                 "How many seeds have a policy that lasts {} steps from all {} starts:",
-                study::ENDURANCE_STEPS,
-                study::SCORE_EPISODES
+                LASTING_STEPS, LASTING_EPISODES
             ),
             &["final lasts", "best lasts"],
             &|i| {
-                let Endurance { final_, best, final_share, best_share } = configs[i].endurance.as_ref()?;
+                let Lasting { final_, best, final_share, best_share } = configs[i].lasting.as_ref()?;
                 Some(vec![share_shown(*final_, final_share), share_shown(*best, best_share)])
             },
         ));
@@ -141,14 +171,15 @@ pub(super) fn names(report: &StudyReport) -> impl Iterator<Item = (&str, &str)> 
 }
 
 /// What the tables mean.
-pub(super) fn footnote(task: &Spec, has_intervals: bool) -> String {
+fn footnote(configs: &[ConfigReport]) -> String {
+    let has_intervals = configs.iter().any(|config| config.final_iqm.low.is_some());
     let intervals = if has_intervals { " In brackets: 95 % intervals over training seeds." } else { "" };
+    let task = &configs[0].task;
     let solved = match task.solved_return {
         Some(_) => format!(
-            "Solved: mean return {} over the {} episodes that eval plays; an evaluation during training plays others, and can \
-             solve where they do not.",
-            task.goal(),
-            study::SCORE_EPISODES
+            "Solved: mean return {} over the {SCORE_EPISODES} episodes that eval plays; an evaluation during training plays \
+             others, and can solve where they do not.",
+            task.goal()
         ),
         None => "The task has no threshold, so nothing is said to solve it.".into(),
     };
@@ -162,16 +193,43 @@ pub(super) fn conclusions(report: &StudyReport) -> Vec<String> {
     said
 }
 
+/// Why trials failed.
+fn failed(report: &StudyReport) -> Vec<String> {
+    failure_lines(&report.failures, report.finished, &|config| label(report, config))
+}
+
+/// How tables call a config; its name if it has no finished trial.
+fn label(report: &StudyReport, name: &str) -> String {
+    names(report).find(|(_, other)| *other == name).map_or_else(|| visible(name), |(label, _)| label.into())
+}
+
 /// The notes below the tables.
 pub(super) fn remarks(report: &StudyReport) -> Vec<String> {
-    let labels = names(report).map(|(label, name)| (name.to_owned(), label.to_owned())).collect();
-    let mut remarks = failure_lines(&report.failures, report.finished, &labels);
-    remarks.extend(last_try_lines(&report.last_tries, &labels));
-    remarks.push(footnote(
-        &report.configs[0].task,
-        report.configs.iter().any(|config| config.final_iqm.low.is_some()),
-    ));
+    let mut remarks = failed(report);
+    remarks.extend(last_try_lines(&report.last_tries, &|config| label(report, config)));
+    remarks.push(footnote(&report.configs));
     remarks
+}
+
+/// The result of a study, as it is printed when it ends.
+pub(super) fn standing(report: &StudyReport) -> String {
+    let (StudyReport { configs, finished, .. }, task) = (report, &report.configs[0].task);
+    let solved: usize = configs.iter().map(|config| config.final_solved).sum();
+    let solved = match task.solved_return {
+        Some(_) => format!(
+            "{solved} by the final policy (mean return {} over eval's {SCORE_EPISODES} episodes)",
+            task.goal()
+        ),
+        None => "unknown, since the task has no threshold".into(),
+    };
+    let Table { title, rows } = ranked(configs);
+    let mut text =
+        format!("trials     {finished}\nsolved     {solved}\nfailed     {}\n\n{title}\n", report.failed);
+    text += &(table(&rows) + &legend(names(report)));
+    statements(&report.comparisons).iter().for_each(|statement| text += &wrapped(statement, 2));
+    failed(report).iter().for_each(|line| text += &wrapped(line, 7));
+    report.warnings.iter().for_each(|note| text += &wrapped(&format!("note: {}", visible(note)), 0));
+    text + &wrapped(&footnote(configs), 0)
 }
 
 pub(super) fn describe(report: &StudyReport) -> String {

@@ -145,7 +145,7 @@ impl RunDir {
     pub fn open(path: &Path) -> Result<(Self, Config), RunError> {
         let run = Self::from(path);
         let config = run.read_config()?;
-        let mut files = vec![run.config(), run.about(), run.metrics(), run.summary(), run.progress()];
+        let mut files = vec![run.config(), run.about(), run.metrics(), run.summary()];
         files.extend([run.best(), run.last(), run.previous(), run.init()]);
         let directories = [run.checkpoints(), run.tensorboard()];
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
@@ -280,7 +280,7 @@ impl RunDir {
         let go = [
             self.about(),
             self.summary(),
-            self.progress(),
+            self.path.join(PROGRESS),
             self.best(),
             self.last(),
             self.previous(),
@@ -362,7 +362,6 @@ impl RunDir {
         config: CONFIG in path,
         about: ABOUT in path,
         metrics: METRICS in path,
-        progress: PROGRESS in path,
         summary: SUMMARY in path,
         tensorboard: TENSORBOARD in path,
         checkpoints: CHECKPOINTS in path,

@@ -2,6 +2,7 @@
 
 mod checkpoint;
 mod dir;
+mod events;
 mod header;
 pub mod names;
 mod record;
@@ -17,6 +18,7 @@ use crate::text::shown;
 
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointProblem, FORMAT_VERSION, seal};
 pub use dir::{About, RunDir, checkpoint_of, final_evaluation};
+pub use events::read_events;
 pub use header::{Header, SavedPolicy, config_of_checkpoint};
 pub use record::{Recorder, RunRecord};
 pub use resume::{EndedRun, Resumed, Started, first_step, load, resume, start, start_again};

@@ -6,7 +6,7 @@ pub const CONFIG: &str = "config.json";
 pub const ABOUT: &str = "run.json";
 /// One event a line.
 pub const METRICS: &str = "metrics.jsonl";
-/// A part of the events as a table.
+/// A table of events that earlier versions wrote.
 pub const PROGRESS: &str = "progress.csv";
 /// What the run came to.
 pub const SUMMARY: &str = "summary.json";

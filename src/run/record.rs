@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::{Checkpoint, RunDir, RunError, unwritable};
+use super::{Checkpoint, RunDir};
 use crate::config::Config;
 use crate::files::read_limited;
 use crate::nn::kernels;
-use crate::sink::{JsonLines, ProgressCsv};
+use crate::sink::JsonLines;
 use crate::tensors::sha256;
 use crate::trainer::{self, CheckpointKind, EndReason, Event, Observer, Summary, Trainer};
 
@@ -18,28 +18,18 @@ pub struct Recorder {
     dir: RunDir,
     config: Config,
     metrics: JsonLines,
-    progress: ProgressCsv,
 }
 
 impl Recorder {
     /// Goes on after the events that are in `metrics`.
-    pub(super) fn new(dir: RunDir, config: Config, mut metrics: JsonLines) -> Result<Self, RunError> {
-        let created = dir.directory().and_then(|directory| ProgressCsv::create(directory, &dir.progress()));
-        let progress = created.and_then(|mut progress| {
-            metrics.replay(&mut progress)?;
-            Ok(progress)
-        });
-        match progress {
-            Ok(progress) => Ok(Self { dir, config, metrics, progress }),
-            Err(error) => Err(unwritable(&dir.progress(), error, "")),
-        }
+    pub(super) fn new(dir: RunDir, config: Config, metrics: JsonLines) -> Self {
+        Self { dir, config, metrics }
     }
 }
 
 impl Observer for Recorder {
     fn event(&mut self, event: &Event) -> io::Result<()> {
-        self.metrics.event(event)?;
-        self.progress.event(event)
+        self.metrics.event(event)
     }
 
     fn checkpoint(&mut self, due: &trainer::DueCheckpoint<'_>) -> io::Result<()> {
@@ -47,7 +37,6 @@ impl Observer for Recorder {
             CheckpointKind::Best => (self.dir.best(), None),
             CheckpointKind::Last { keeps_previous } => {
                 self.metrics.sync().map_err(|error| named(&self.dir.metrics(), &error))?;
-                self.progress.sync().map_err(|error| named(&self.dir.progress(), &error))?;
                 (self.dir.last(), keeps_previous.then(|| self.dir.previous()))
             }
         };

@@ -31,12 +31,6 @@ pub struct Extent {
 pub fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, RunError> {
     let mut differences = Vec::new();
     differences.extend(compare_lines("metrics.jsonl", &run.metrics(), &again.metrics(), extent.lines)?);
-    if run.progress().exists() {
-        let rows =
-            read_text_limited(&again.progress(), MAX_CHECKPOINT).map_err(failed)?.lines().count() as u64;
-        let count = if extent.env_steps.is_some() { rows } else { u64::MAX };
-        differences.extend(compare_lines("progress.csv", &run.progress(), &again.progress(), count)?);
-    }
     for name in [BEST, LAST, PREVIOUS] {
         let (path, repeated) = (run.checkpoints().join(name), again.checkpoints().join(name));
         if name == BEST && extent.env_steps.is_some_and(|last| step_of(&path).is_some_and(|step| step > last))

@@ -1,7 +1,7 @@
 //! `metrics.jsonl`: one event a line.
 
 use std::fs::{File, TryLockError};
-use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::thread;
 use std::time::Duration;
@@ -9,8 +9,6 @@ use std::time::Duration;
 use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
-/// Most bytes of a line that are read at once; an event has less than a thousand.
-const MAX_LINE: u64 = 1 << 20;
 /// How often the file's lock is asked for, and the time between. The command `runs` has the lock for microseconds, to see
 /// whether somebody trains; a process that trains keeps it.
 const ATTEMPTS: u32 = 5;
@@ -79,29 +77,7 @@ impl JsonLines {
         self.file.seek(SeekFrom::End(0))?;
         Ok(true)
     }
-}
 
-impl JsonLines {
-    /// Tells a sink the events that are in the file, lines that are none apart.
-    ///
-    /// # Errors
-    /// When the file cannot be read, or the sink fails.
-    pub fn replay(&mut self, sink: &mut dyn Observer) -> io::Result<()> {
-        self.file.rewind()?;
-        let mut reader = BufReader::new(&self.file);
-        let mut line = Vec::new();
-        while (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)? > 0 {
-            if let Ok(event) = serde_json::from_slice(&line) {
-                sink.event(&event)?;
-            }
-            line.clear();
-        }
-        self.file.seek(SeekFrom::End(0))?;
-        Ok(())
-    }
-}
-
-impl JsonLines {
     /// Flushes all events to the disk.
     ///
     /// # Errors

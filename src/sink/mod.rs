@@ -3,14 +3,12 @@
 #[cfg(feature = "cli")]
 mod console;
 mod json_lines;
-mod progress_csv;
 #[cfg(feature = "tensorboard")]
 mod tensorboard;
 
 #[cfg(feature = "cli")]
 pub use console::{Console, EpisodeLog};
 pub use json_lines::JsonLines;
-pub use progress_csv::ProgressCsv;
 #[cfg(feature = "tensorboard")]
 pub use tensorboard::TensorBoard;
 

@@ -39,16 +39,16 @@ impl TensorBoard {
     /// When that fails.
     pub fn create(
         directory: &Directory,
-        folder: &Path,
+        path: &Path,
         env_steps: u64,
         learning_rate: impl Fn(u64) -> f64 + 'static,
     ) -> io::Result<Self> {
-        directory.create_dir(folder)?;
+        directory.create_dir(path)?;
         // TensorBoard reads the files of a directory by name, so the new one must be the last.
-        let latest = latest_second(folder)?;
+        let latest = latest_second(path)?;
         let second = latest.map_or(0, |latest| latest + 1).max(wall_time() as u64);
         let name = format!("{TENSORBOARD_PREFIX}{second}.cartpole-dqn.{}", std::process::id());
-        let file = BufWriter::new(directory.create_file(&folder.join(name))?);
+        let file = BufWriter::new(directory.create_file(&path.join(name))?);
         let learning_rate = Box::new(learning_rate);
         let mut sink = Self { file, learning_rate, recent_lengths: VecDeque::new(), start: None };
         let mut version = Vec::new();
@@ -146,9 +146,9 @@ impl Observer for TensorBoard {
 }
 
 /// The second of the latest event file in a directory, by its name.
-fn latest_second(folder: &Path) -> io::Result<Option<u64>> {
+fn latest_second(path: &Path) -> io::Result<Option<u64>> {
     let mut latest = None;
-    for entry in fs::read_dir(folder)? {
+    for entry in fs::read_dir(path)? {
         let name = entry?.file_name();
         let second = name.to_str().and_then(|name| name.strip_prefix(TENSORBOARD_PREFIX)?.split('.').next());
         if let Some(second) = second.and_then(|second| second.parse::<u64>().ok()) {

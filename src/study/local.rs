@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
 
-use super::store::Writer;
+use super::store::TrialWriter;
 use super::{Study, StudyDir, StudyError, Trial, Unended};
 use crate::config::Config;
 use crate::env::Make;
@@ -13,26 +13,13 @@ use crate::env::Make;
 pub type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
 
 impl StudyDir {
-    /// Runs these trials on `jobs` threads and shows each to `done`, in the order in which they end. Once `stop` is set, no
-    /// trial begins, and those that have begun are kept as they are: who runs them next resumes them.
+    /// Runs these trials on `jobs` threads, in the environments that `make` has for the configs, and shows each to `done`, in
+    /// the order in which they end. Once `stop` is set, no trial begins, and those that have begun are kept as they are: who
+    /// runs them next resumes them.
     ///
     /// # Errors
     /// When a trial cannot be written, which sets `stop`. A trial that diverges or does not come to its end is no error.
     pub fn run(
-        &self,
-        trials: &[(usize, u64)],
-        jobs: usize,
-        stop: &AtomicBool,
-        done: impl FnMut(&Result<Trial, Unended>),
-    ) -> Result<(), StudyError> {
-        self.run_in(trials, &|config| config.make(), jobs, stop, done)
-    }
-
-    /// As [`Self::run`], in the environments that `make` has for the configs.
-    ///
-    /// # Errors
-    /// See there.
-    pub fn run_in(
         &self,
         trials: &[(usize, u64)],
         make: &MakeFor,
@@ -43,7 +30,7 @@ impl StudyDir {
         if trials.is_empty() {
             return Ok(());
         }
-        let mut writer = Writer::new(self)?;
+        let mut writer = TrialWriter::new(self)?;
         let next = AtomicUsize::new(0);
         let (sender, finished) = mpsc::channel();
         thread::scope(|scope| {
@@ -80,7 +67,7 @@ impl StudyDir {
         let named = &self.study().configs[number.0];
         let (make, unfinished) = (make(&named.config), self.unfinished(number));
         self.forget_last_try(number);
-        Trial::run(named, make, number.1, self.study().endurance, Some((&self.directory, &unfinished)), stop)
+        Trial::run(named, make, number.1, self.study().lasting, Some((&self.directory, &unfinished)), stop)
     }
 
     /// Runs the first trial and keeps nothing of it.
@@ -88,8 +75,8 @@ impl StudyDir {
     /// # Errors
     /// When it does not come to its end.
     pub fn try_first(&self, stop: &AtomicBool) -> Result<Trial, Unended> {
-        let Study { configs, seeds, endurance, .. } = self.study();
+        let Study { configs, seeds, lasting, .. } = self.study();
         let named = &configs[0];
-        Trial::run(named, named.config.make(), seeds.start, *endurance, None, stop)
+        Trial::run(named, named.config.make(), seeds.start, *lasting, None, stop)
     }
 }

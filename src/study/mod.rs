@@ -8,61 +8,36 @@ mod plan;
 mod store;
 mod trial;
 
+use std::fmt::Display;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::text::shown;
 
 pub use plan::{FORMAT_VERSION, MAX_SEEDS, NamedConfig, Shard, Study};
-pub use store::{Finished, LastTry, LeftOut, StudyDir};
-pub use trial::{Cause, ENDURANCE_STEPS, Ended, PolicyScore, SCORE_EPISODES, Trial, Unended};
+pub use store::{Finished, LastTry, Omitted, StudyDir};
+pub use trial::{Cause, LASTING_STEPS, PolicyScore, SCORE_EPISODES, Trial, TrialSummary, Unended};
 
 /// Why a study cannot be run or read.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
-    /// The directory cannot be used.
-    #[error("directory {} {problem}", shown(path))]
-    Folder {
-        /// The directory.
-        path: PathBuf,
-        /// Why.
-        problem: String,
-    },
-    /// A file of trials, or the directory of these files, cannot be read.
-    #[error("{} cannot be read: {source}", shown(path))]
-    Unreadable {
-        /// The file or directory.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// A line of a file of trials cannot be used.
-    #[error("{} line {line} {problem}", shown(path))]
-    Line {
-        /// The file.
-        path: PathBuf,
-        /// The number of the line, from 1.
-        line: u64,
-        /// Why.
-        problem: String,
-    },
-    /// A new study cannot be written into the directory.
-    #[error("cannot write {}: {source}; choose another --out", shown(path))]
-    Unwritable {
-        /// The directory.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// A trial cannot be written.
-    #[error(
-        "cannot write {}: {source}; when the problem is solved, the same command resumes the study",
-        shown(path)
-    )]
-    Write {
-        /// The file, or the directory of these files.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    /// The directory or a file in it cannot be used.
+    #[error("{0}")]
+    Unusable(String),
+    /// A new study cannot be written into this directory.
+    #[error("cannot write {}: {}; choose another --out", shown(.0), .1)]
+    Unwritable(PathBuf, io::Error),
+    /// A trial cannot be written into this file or directory.
+    #[error("cannot write {}: {}; when the problem is solved, the same command resumes the study", shown(.0), .1)]
+    Write(PathBuf, io::Error),
+}
+
+impl StudyError {
+    fn directory(path: &Path, problem: impl Display) -> Self {
+        Self::Unusable(format!("directory {} {problem}", shown(path)))
+    }
+
+    fn unreadable(path: &Path, source: &io::Error) -> Self {
+        Self::Unusable(format!("{} cannot be read: {source}", shown(path)))
+    }
 }

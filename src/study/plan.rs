@@ -35,9 +35,9 @@ pub struct Study {
     pub configs: Vec<NamedConfig>,
     /// The seeds that each config is trained with.
     pub seeds: Range<u64>,
-    /// Whether policies are scored over [`super::ENDURANCE_STEPS`] steps too.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub endurance: bool,
+    /// Whether it is tested that policies last [`super::LASTING_STEPS`] steps.
+    #[serde(rename = "endurance", default, skip_serializing_if = "std::ops::Not::not")]
+    pub lasting: bool,
 }
 
 /// One config of a study.
@@ -94,10 +94,10 @@ impl FromStr for Shard {
 
 impl Study {
     /// A study of configs with different names.
-    pub fn new(mut configs: Vec<NamedConfig>, seeds: Range<u64>, endurance: bool) -> Self {
+    pub fn new(mut configs: Vec<NamedConfig>, seeds: Range<u64>, lasting: bool) -> Self {
         configs.iter_mut().for_each(|named| named.config.seed = 0);
         let version = env!("CARGO_PKG_VERSION").into();
-        Self { format_version: FORMAT_VERSION, version, configs, seeds, endurance }
+        Self { format_version: FORMAT_VERSION, version, configs, seeds, lasting }
     }
 
     /// Every trial of a part as (index of its config, seed): the configs take turns, so that an unfinished study compares
@@ -123,9 +123,9 @@ impl Study {
     ///
     /// # Errors
     /// When there is none, or it is of another format.
-    pub fn read(folder: &Path) -> Result<Self, StudyError> {
-        let bad = |problem| StudyError::Folder { path: folder.into(), problem };
-        let manifest = read_manifest(folder).map_err(bad)?;
+    pub fn read(path: &Path) -> Result<Self, StudyError> {
+        let bad = |problem: String| StudyError::directory(path, problem);
+        let manifest = read_manifest(path).map_err(bad)?;
         let study: Self = serde_json::from_value(manifest).map_err(|error| bad(not_a_study(&error)))?;
         let names: BTreeSet<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
         if names.is_empty() || names.contains("") || names.len() < study.configs.len() {
@@ -166,13 +166,13 @@ impl Study {
     ///
     /// # Errors
     /// When there is something else in the directory, another study included, or it cannot be written.
-    pub(super) fn write(&self, folder: &Path) -> Result<(), StudyError> {
-        let bad = |problem| StudyError::Folder { path: folder.into(), problem };
-        let unwritable = |source: io::Error| StudyError::Unwritable { path: folder.into(), source };
-        let path = folder.join(MANIFEST);
-        if is_free(folder).map_err(bad)? {
-            let made = create_folders(folder).map_err(unwritable)?;
-            match Directory::open(folder).and_then(|directory| directory.write_json_new(&path, self)) {
+    pub(super) fn write(&self, path: &Path) -> Result<(), StudyError> {
+        let bad = |problem: String| StudyError::directory(path, problem);
+        let unwritable = |source: io::Error| StudyError::Unwritable(path.into(), source);
+        let manifest = path.join(MANIFEST);
+        if is_free(path).map_err(bad)? {
+            let made = create_folders(path).map_err(unwritable)?;
+            match Directory::open(path).and_then(|directory| directory.write_json_new(&manifest, self)) {
                 // Another process was faster; whether it runs the same study is seen below.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 written => written.map_err(|error| {
@@ -181,9 +181,9 @@ impl Study {
                 })?,
             }
         }
-        if self.has_more_seeds_than(&read_manifest(folder).map_err(bad)?).map_err(bad)? {
-            Directory::open(folder)
-                .and_then(|directory| directory.write_json(&path, self))
+        if self.has_more_seeds_than(&read_manifest(path).map_err(bad)?).map_err(bad)? {
+            Directory::open(path)
+                .and_then(|directory| directory.write_json(&manifest, self))
                 .map_err(unwritable)?;
         }
         Ok(())
@@ -213,9 +213,9 @@ fn not_a_study(error: &dyn std::fmt::Display) -> String {
 }
 
 /// Reads `study.json`, if it is of this format.
-fn read_manifest(folder: &Path) -> Result<Value, String> {
+fn read_manifest(path: &Path) -> Result<Value, String> {
     let text =
-        read_text_limited(&folder.join(MANIFEST), MAX_FILE_SIZE).map_err(|error| match error.kind() {
+        read_text_limited(&path.join(MANIFEST), MAX_FILE_SIZE).map_err(|error| match error.kind() {
             io::ErrorKind::NotFound => format!("does not hold a study: it has no {MANIFEST}"),
             _ => format!("has a {MANIFEST} that cannot be read: {error}"),
         })?;

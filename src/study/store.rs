@@ -11,7 +11,7 @@ use std::io::{self, BufRead, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::{Ended, Study, StudyError, Trial};
+use super::{Study, StudyError, Trial, TrialSummary};
 use crate::config::EnvironmentConfig;
 use crate::files::{Directory, open_ordinary, random_name, read_text_limited};
 use crate::run::names::MANIFEST;
@@ -49,13 +49,13 @@ pub struct Finished {
     /// Index of its config.
     pub config: usize,
     /// Its line.
-    pub trial: Trial<Ended>,
+    pub trial: Trial<TrialSummary>,
 }
 
 /// What a reader of the finished trials does not see.
 #[derive(Debug, Default)]
-pub struct LeftOut {
-    /// Lines that no process has finished, lines that are no results, and trials with seeds that the study has not.
+pub struct Omitted {
+    /// Lines that no process has finished, and trials with seeds that the study has not.
     pub notes: Vec<String>,
     /// The trials that have begun and have no line, by config and seed.
     pub last_tries: Vec<LastTry>,
@@ -92,8 +92,7 @@ impl StudyDir {
     pub fn open(path: &Path) -> Result<Self, StudyError> {
         let study_dir = Self::open_to_read(path)?;
         refuse_links(path)?;
-        let bad = |problem| StudyError::Folder { path: path.into(), problem };
-        study_dir.study.check().map_err(bad)?;
+        study_dir.study.check().map_err(|problem| StudyError::directory(path, problem))?;
         Ok(study_dir)
     }
 
@@ -106,8 +105,8 @@ impl StudyDir {
     }
 
     fn with(path: &Path, study: Study) -> Result<Self, StudyError> {
-        let unreadable = |source| StudyError::Unreadable { path: path.into(), source };
-        Ok(Self { path: path.into(), directory: Directory::open(path).map_err(unreadable)?, study })
+        let directory = Directory::open(path).map_err(|error| StudyError::unreadable(path, &error))?;
+        Ok(Self { path: path.into(), directory, study })
     }
 
     /// Where it is.
@@ -192,16 +191,10 @@ impl StudyDir {
     ///
     /// # Errors
     /// When a line is not one of this study, when `each` says so, or when two lines of one trial differ.
-    pub fn read(&self, mut each: impl FnMut(Finished) -> Result<(), String>) -> Result<LeftOut, StudyError> {
-        let Reader { mut notes, found, others, circumstances, .. } = self.read_all(&mut each)?;
+    pub fn read(&self, mut each: impl FnMut(Finished) -> Result<(), String>) -> Result<Omitted, StudyError> {
+        let Reader { mut notes, found, others, .. } = self.read_all(&mut each)?;
         if others > 0 {
             notes.push(format!("{others} trials with other seeds than those of {MANIFEST} are ignored"));
-        }
-        if circumstances > 0 {
-            notes.push(format!(
-                "{circumstances} lines of an earlier version say that an environment failed, which is no result: they are \
-                 ignored, and the study trains such trials again"
-            ));
         }
         let reason = |trial| {
             read_text_limited(&self.unfinished_file(trial, REASON), MAX_REASON)
@@ -212,12 +205,12 @@ impl StudyDir {
             .filter(|(config, seed)| *config < self.study.configs.len() && self.study.seeds.contains(seed));
         let last_tries =
             kept.map(|trial| LastTry { config: trial.0, seed: trial.1, reason: reason(trial) }).collect();
-        Ok(LeftOut { notes, last_tries })
+        Ok(Omitted { notes, last_tries })
     }
 
     fn read_all(&self, each: &mut Each) -> Result<Reader<'_>, StudyError> {
         let trials = self.path.join(TRIALS);
-        let files = self.files().map_err(|error| StudyError::Unreadable { path: trials, source: error })?;
+        let files = self.files().map_err(|error| StudyError::unreadable(&trials, &error))?;
         let mut reader = Reader::new(files, &self.study);
         for file in 0..reader.files.len() {
             reader.read(file, each)?;
@@ -250,8 +243,7 @@ fn refuse_links(path: &Path) -> Result<(), StudyError> {
         let mut kept = fs::read_dir(unfinished).into_iter().flatten();
         kept.try_for_each(|entry| directory.refuse_link(&entry?.path()))
     };
-    let bad = |error: io::Error| format!("cannot be used for a study: {error}");
-    check().map_err(|error| StudyError::Folder { path: path.into(), problem: bad(error) })
+    check().map_err(|error| StudyError::directory(path, format!("cannot be used for a study: {error}")))
 }
 
 /// Reads the files of a study one after the other.
@@ -264,20 +256,18 @@ struct Reader<'a> {
     notes: Vec<String>,
     /// Trials with other seeds than the study's.
     others: u64,
-    /// Lines that are no results.
-    circumstances: u64,
 }
 
 impl<'a> Reader<'a> {
     fn new(files: Vec<PathBuf>, study: &'a Study) -> Self {
         let names = study.configs.iter().enumerate();
         let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
-        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0, circumstances: 0 }
+        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0 }
     }
 
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
         let path = self.files[file].clone();
-        let unreadable = |source| StudyError::Unreadable { path: path.clone(), source };
+        let unreadable = |error: io::Error| StudyError::unreadable(&path, &error);
         let opened = match open_ordinary(&path) {
             // A process that had nothing to write has removed its file.
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -296,7 +286,7 @@ impl<'a> Reader<'a> {
                 self.notes.push(format!("line {number} of {} is not finished and is ignored", shown(&path)));
                 break;
             }
-            let bad = |problem| StudyError::Line { path: path.clone(), line: number, problem };
+            let bad = |problem| StudyError::Unusable(format!("{} line {number} {problem}", shown(&path)));
             self.show((file, place), &line, each).map_err(bad)?;
             place += length as u64;
         }
@@ -308,15 +298,11 @@ impl<'a> Reader<'a> {
         let not_a_trial = |problem: String| {
             format!("is not a trial of this study: {problem}; remove the line, and the study trains it again")
         };
-        let trial: Trial<Ended> =
+        let trial: Trial<TrialSummary> =
             serde_json::from_slice(line).map_err(|error| not_a_trial(error.to_string()))?;
         let Trial { config, seed, .. } = &trial;
         let index = self.configs.get(config.as_str());
         let index = *index.ok_or_else(|| not_a_trial(format!("it belongs to a config {config:?}")))?;
-        if trial.is_circumstance() {
-            self.circumstances += 1;
-            return Ok(());
-        }
         if let Some(problem) = trial.problem() {
             return Err(not_a_trial(problem.into()));
         }
@@ -358,7 +344,7 @@ impl<'a> Reader<'a> {
 }
 
 /// The file of a process, to which it appends the trials that it has finished.
-pub(super) struct Writer {
+pub(super) struct TrialWriter {
     directory: Directory,
     path: PathBuf,
     file: File,
@@ -366,24 +352,24 @@ pub(super) struct Writer {
     is_empty: bool,
 }
 
-impl Writer {
+impl TrialWriter {
     /// A new file, of a name that no other process has.
     pub(super) fn new(study_dir: &StudyDir) -> Result<Self, StudyError> {
-        let folder = study_dir.path.join(TRIALS);
+        let trials = study_dir.path.join(TRIALS);
         #[cfg(not(target_family = "wasm"))]
         let host = gethostname::gethostname().to_string_lossy().replace(|c: char| !c.is_alphanumeric(), "_");
         #[cfg(target_family = "wasm")]
         let host = "wasm";
         let directory = study_dir.directory.clone();
-        let path = folder.join(format!("{host}-{}-{}.{EXTENSION}", std::process::id(), random_name()));
-        let new = directory.create_dir(&folder).and_then(|_| directory.create_file(&path));
-        let file = new.map_err(|source| StudyError::Write { path: folder, source })?;
+        let path = trials.join(format!("{host}-{}-{}.{EXTENSION}", std::process::id(), random_name()));
+        let new = directory.create_dir(&trials).and_then(|_| directory.create_file(&path));
+        let file = new.map_err(|error| StudyError::Write(trials, error))?;
         Ok(Self { directory, path, file, synced: Instant::now(), is_empty: true })
     }
 
     /// Appends a trial. After an error the file ends in the middle of a line, and nothing may follow.
     pub(super) fn append(&mut self, trial: &Trial) -> Result<(), StudyError> {
-        self.try_append(trial).map_err(|source| StudyError::Write { path: self.path.clone(), source })
+        self.try_append(trial).map_err(|error| StudyError::Write(self.path.clone(), error))
     }
 
     fn try_append(&mut self, trial: &Trial) -> io::Result<()> {
@@ -402,6 +388,6 @@ impl Writer {
     /// Makes all trials last.
     pub(super) fn finish(mut self) -> Result<(), StudyError> {
         let result = if self.is_empty { self.directory.remove_file(&self.path) } else { self.sync() };
-        result.map_err(|source| StudyError::Write { path: self.path, source })
+        result.map_err(|error| StudyError::Write(self.path, error))
     }
 }

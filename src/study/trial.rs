@@ -18,16 +18,13 @@ use crate::run::Checkpoint;
 use crate::text::shown;
 use crate::trainer::{
     CheckpointKind, DueCheckpoint, EndReason, Evaluation, Event, Observer, Progress, ResumeError, SCORE_SEED,
-    Score, Snapshot, TrainError, Trainer, evaluate,
+    Score, Snapshot, TrainError, Trainer, evaluate, lasts,
 };
 
 /// Episodes that score a policy, as many as `eval` plays.
 pub const SCORE_EPISODES: u64 = 100;
-/// Steps that a policy must last in a study of endurance: 400 s, in which a cart that drifts has left the track.
-pub const ENDURANCE_STEPS: u32 = 20_000;
-
-/// How the error of a trial begins. Earlier versions also wrote lines with the errors of environments, which are no results.
-const DIVERGED: &str = "training diverged: ";
+/// Steps that a policy must last where the study asks: 400 s, in which a cart that drifts has left the track.
+pub const LASTING_STEPS: u32 = 20_000;
 
 /// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers of a study need
 /// little of the summary, as another type `S`.
@@ -52,7 +49,7 @@ pub struct Trial<S = Value> {
 
 /// What readers of a study need of a summary.
 #[derive(Debug, Deserialize)]
-pub struct Ended {
+pub struct TrialSummary {
     /// Why the run ended.
     pub end_reason: Option<EndReason>,
 }
@@ -72,10 +69,9 @@ pub struct PolicyScore {
     pub median: f64,
     /// Largest return.
     pub max: f64,
-    /// How many of the episodes last [`ENDURANCE_STEPS`] steps where nothing cuts them off before; none where the study
-    /// does not ask.
+    /// Whether the policy [lasts](lasts()) [`LASTING_STEPS`] steps; none where the study does not ask.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub endured: Option<u64>,
+    pub lasts: Option<bool>,
 }
 
 impl PolicyScore {
@@ -84,21 +80,19 @@ impl PolicyScore {
         make: &Make,
         spec: &Spec,
         env_steps: u64,
-        endurance: bool,
+        lasting: bool,
     ) -> Result<Self, EnvironmentError> {
-        let max_steps = if endurance { ENDURANCE_STEPS.max(spec.max_steps) } else { spec.max_steps };
-        let played = evaluate(policy, make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
+        let played = evaluate(policy, make, spec.max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
         let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
         let Score { mean, std, min, median, max, .. } = Score::new(&returns);
-        let endured = played.iter().filter(|episode| episode.steps >= u64::from(ENDURANCE_STEPS)).count();
-        let endured = endurance.then_some(endured as u64);
-        Ok(Self { env_steps, mean, std, min, median, max, endured })
+        let lasts = lasting.then(|| lasts(policy, make, LASTING_STEPS)).transpose()?;
+        Ok(Self { env_steps, mean, std, min, median, max, lasts })
     }
 }
 
 /// What an interrupted trial has besides the tensors of its run: the header of its checkpoint.
 #[derive(Serialize, Deserialize)]
-struct Unfinished {
+struct TrialHeader {
     /// The run's config, as JSON: another one has other tensors.
     settings: Value,
     progress: Progress,
@@ -137,25 +131,14 @@ impl From<EnvironmentError> for Cause {
 }
 
 impl<S> Trial<S> {
-    /// Whether the line records what happened around the training, as earlier versions wrote it, and no result.
-    pub(super) fn is_circumstance(&self) -> bool {
-        self.error.as_ref().is_some_and(|error| !error.starts_with(DIVERGED))
-    }
-
     /// What makes this the line of no trial; none if nothing does.
     pub(super) fn problem(&self) -> Option<&'static str> {
-        let rules = [
-            (
-                self.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps),
-                "its evaluations are not in the order of their steps",
-            ),
-            (
-                self.error.is_none() == self.final_.is_some()
-                    && self.final_.is_some() == self.summary.is_some(),
-                "a trial has either an `error`, or a `summary` and a `final` score",
-            ),
-        ];
-        rules.into_iter().find_map(|(holds, rule)| (!holds).then_some(rule))
+        if !self.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
+            return Some("its evaluations are not in the order of their steps");
+        }
+        let has_ended = self.error.is_none();
+        (has_ended != self.final_.is_some() || has_ended != self.summary.is_some())
+            .then_some("a trial has either an `error`, or a `summary` and a `final` score")
     }
 }
 
@@ -166,7 +149,7 @@ impl Trial {
         named: &NamedConfig,
         make: Arc<Make>,
         seed: u64,
-        endurance: bool,
+        lasting: bool,
         unfinished: Option<(&Directory, &Path)>,
         stop: &AtomicBool,
     ) -> Result<Self, Unended> {
@@ -174,7 +157,7 @@ impl Trial {
         config.seed = seed;
         let mut keeper =
             Keeper { config: &config, place: unfinished, evaluations: Vec::new(), is_kept: false };
-        Self::try_run(&named.name, make, endurance, &mut keeper, stop).map_err(|cause| {
+        Self::try_run(&named.name, make, lasting, &mut keeper, stop).map_err(|cause| {
             let is_kept = keeper.is_kept;
             Unended { config: named.name.clone(), seed, cause, is_kept }
         })
@@ -183,7 +166,7 @@ impl Trial {
     fn try_run(
         name: &str,
         make: Arc<Make>,
-        endurance: bool,
+        lasting: bool,
         keeper: &mut Keeper,
         stop: &AtomicBool,
     ) -> Result<Self, Cause> {
@@ -201,43 +184,35 @@ impl Trial {
             Err(diverged @ TrainError::Diverged { .. }) => Err(diverged.to_string()),
             Err(error) => return Err(error.into()),
         };
+        let progress = trainer.progress();
+        let score = |policy: &Policy, evaluation: Evaluation| {
+            PolicyScore::new(policy, &*make, trainer.spec(), evaluation.env_steps, lasting)
+        };
+        let best = trainer.best_policy().zip(progress.best_evaluation);
+        let best = best.map(|(policy, evaluation)| score(policy, evaluation)).transpose()?;
         let mut trial = Self {
             config: name.to_owned(),
             seed: config.seed,
-            error: ended.clone().err(),
+            error: None,
             summary: None,
-            best: None,
+            best,
             final_: None,
             evaluations: keeper.evaluations.clone(),
         };
-        trial.score(&trainer, &*make, ended.ok(), endurance)?;
+        match ended {
+            Err(error) => trial.error = Some(error),
+            Ok(reason) => {
+                trial.final_ = match progress.last_evaluation {
+                    // One policy needs one score.
+                    last if last == progress.best_evaluation => trial.best.clone(),
+                    last => last.map(|last| score(&trainer.agent().policy(), last)).transpose()?,
+                };
+                let mut summary = json!(trainer.summary(reason, 0.0));
+                summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
+                trial.summary = Some(summary);
+            }
+        }
         Ok(trial)
-    }
-
-    /// Scores the best policy; if the run did not diverge, also the final one, and records the summary.
-    fn score(
-        &mut self,
-        trainer: &Trainer,
-        make: &Make,
-        end_reason: Option<EndReason>,
-        endurance: bool,
-    ) -> Result<(), EnvironmentError> {
-        let (progress, spec) = (trainer.progress(), trainer.spec());
-        let score = |policy: &Policy, evaluation: Evaluation| {
-            PolicyScore::new(policy, make, spec, evaluation.env_steps, endurance)
-        };
-        let best = trainer.best_policy().zip(progress.best_evaluation);
-        self.best = best.map(|(policy, evaluation)| score(policy, evaluation)).transpose()?;
-        let Some(reason) = end_reason else { return Ok(()) };
-        self.final_ = match progress.last_evaluation {
-            // One policy needs one score.
-            last if last == progress.best_evaluation => self.best.clone(),
-            last => last.map(|last| score(&trainer.agent().policy(), last)).transpose()?,
-        };
-        let mut summary = json!(trainer.summary(reason, 0.0));
-        summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
-        self.summary = Some(summary);
-        Ok(())
     }
 
     /// Whether the final policy solves the task.
@@ -277,9 +252,9 @@ impl Keeper<'_> {
             return Ok(());
         };
         let (settings, evaluations) = (json!(self.config), self.evaluations.clone());
-        let mut checkpoint = Checkpoint::new(&Unfinished { settings, progress, evaluations })?;
+        let mut checkpoint = Checkpoint::new(&TrialHeader { settings, progress, evaluations })?;
         checkpoint.tensors = snapshot.tensors;
-        let made = path.parent().map_or(Ok(false), |folder| directory.create_dir(folder));
+        let made = path.parent().map_or(Ok(false), |parent| directory.create_dir(parent));
         let written = made.and_then(|_| checkpoint.write_below(directory, path, None));
         written.map_err(|error| {
             io::Error::new(error.kind(), format!("cannot write {}: {error}", shown(path)))
@@ -293,9 +268,9 @@ impl Keeper<'_> {
         let Some(checkpoint) = self.place.and_then(|(_, path)| Checkpoint::read(path).ok()) else {
             return Ok(None);
         };
-        let header = checkpoint.header::<Unfinished>().ok();
+        let header = checkpoint.header::<TrialHeader>().ok();
         let header = header.filter(|header| header.settings == json!(self.config));
-        let Some(Unfinished { progress, evaluations, .. }) = header else { return Ok(None) };
+        let Some(TrialHeader { progress, evaluations, .. }) = header else { return Ok(None) };
         self.is_kept = true;
         let trainer = self.config.make_trainer_in(Arc::clone(make))?;
         match trainer.resume(progress, &checkpoint.tensors) {
@@ -311,7 +286,3 @@ impl Keeper<'_> {
         }
     }
 }
-
-#[cfg(test)]
-#[path = "../../tests/unit/study_trial.rs"]
-mod tests;

@@ -70,6 +70,18 @@ pub enum Event {
     },
 }
 
+impl Event {
+    /// Environment steps of the run so far.
+    pub fn env_steps(&self) -> u64 {
+        match *self {
+            Self::Episode { env_steps, .. }
+            | Self::Evaluation { env_steps, .. }
+            | Self::Statistics { env_steps, .. }
+            | Self::End { env_steps, .. } => env_steps,
+        }
+    }
+}
+
 /// Why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

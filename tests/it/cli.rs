@@ -279,7 +279,6 @@ fn a_run_goes_into_an_empty_folder_and_leaves_nothing_else() {
         "/checkpoints/previous.safetensors",
         "/config.json",
         "/metrics.jsonl",
-        "/progress.csv",
         "/run.json",
         "/summary.json",
     ];

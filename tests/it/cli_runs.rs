@@ -7,6 +7,7 @@ use predicates::prelude::*;
 use serde_json::{Value, json};
 
 use crate::cli::{DIVERGING, Sandbox, refusals, sets, stdout_json};
+use crate::report::evaluation;
 
 refusals! {
     refuses_to_list_a_missing_directory: [], ["runs"] => ["runs does not exist", "train the first one"];
@@ -87,8 +88,7 @@ fn a_run_knows_the_config_that_it_was_started_with_and_that_it_has_failed() {
 #[test]
 fn the_best_evaluation_is_the_latest_of_equals() {
     let sandbox = Sandbox::with_run();
-    let event =
-        |step: u64, mean: f64| format!("{{\"event\":\"evaluation\",\"env_steps\":{step},\"mean\":{mean}}}\n");
+    let event = |step: u64, mean: f64| format!("{}\n", evaluation(step, mean, mean > 5.0));
     sandbox.write("run/metrics.jsonl", event(1, 20.0) + &event(2, 20.0) + &event(3, 5.0));
     let list = stdout_json(&sandbox.run(&["runs", ".", "--json"]).success());
     assert_eq!(list["runs"][0]["best"], json!({"env_steps": 2, "mean": 20.0}));

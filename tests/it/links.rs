@@ -62,8 +62,7 @@ fn a_study_with_a_link_in_it_is_refused_before_anything_is_written() {
 
 #[test]
 fn a_run_with_a_link_in_it_is_neither_resumed_nor_replaced() {
-    for link in
-        ["run/tensorboard", "run/checkpoints", "run/progress.csv", "run/summary.json", "run/report.html"]
+    for link in ["run/tensorboard", "run/checkpoints", "run/run.json", "run/summary.json", "run/report.html"]
     {
         let sandbox = Sandbox::with_run();
         sandbox.write("victim/precious", "mine");

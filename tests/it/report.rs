@@ -397,17 +397,25 @@ fn an_unfinished_study_is_reported_as_such_and_goes_on_after_the_report() {
     assert_eq!(trial_lines(&sandbox, "s"), lines);
 }
 
+/// The event of an evaluation, as a run writes it.
+pub fn evaluation(env_steps: u64, mean: f64, best: bool) -> Value {
+    json!({"event": "evaluation", "env_steps": env_steps, "episodes": 10, "mean": mean, "std": 0.0, "min": mean, "max": mean,
+        "mean_length": mean, "best": best, "solved": mean >= 475.0})
+}
+
 /// A run by hand: a statistic that is quiet until step 1500, and these evaluations every 100 steps.
 fn write_run(sandbox: &Sandbox, means: &[f64]) {
     let mut lines = Vec::new();
-    for (i, mean) in (1..).zip(means) {
-        let step = 100 * i;
+    for (i, mean) in (1_u32..).zip(means) {
+        let step = u64::from(100 * i);
         let loss = if step >= 1500 { 9.0 } else { 1.0 + 0.1 * f64::from(i % 3) };
+        lines.push(json!({"event": "statistics", "env_steps": step, "td_error_q90": loss}));
         lines.push(
-            json!({"event": "statistics", "env_steps": step, "updates": step * i, "td_error": {"q90": loss}}),
+            json!({"event": "episode", "env_steps": step, "episode": step / 100 - 1, "return": 1.0, "length": 1,
+            "mean_return_100": mean, "epsilon": 0.1, "loss": null, "updates": step}),
         );
-        lines.push(json!({"event": "episode", "env_steps": step, "mean_return_100": mean, "return": 1.0}));
-        lines.push(json!({"event": "evaluation", "env_steps": step, "mean": mean}));
+        let is_best = means[..i as usize].iter().all(|before| before <= mean);
+        lines.push(evaluation(step, *mean, is_best));
     }
     let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
     sandbox.write("r/metrics.jsonl", text + "{\"event\": \"eval");
@@ -425,7 +433,7 @@ fn the_report_of_a_run_says_what_happened_and_when() {
     for statement in [
         "solved at step 600: the first evaluation ≥ 475; 11 of 17 evaluations are ",
         "collapsed at step 1600: mean return 120.0 at step 1600, mean return 480.0 at step 1500 before; solved again at step 1700 ",
-        " moved first: td_error.q90 was 9.0000 at step 1500, 1.1071 ± 0.0829 before ",
+        " moved first: td_error_q90 was 9.0000 at step 1500, 1.1071 ± 0.0829 before ",
         "retained: 10 of the 11 evaluations after the first solution solve, collapses: 1, dips: 0, the worst is mean return 120.0",
         "training: mean return 500.0 over the last 17 training episodes; the classic criterion takes 100 ",
         "best: mean return 500.0 at step 1700 ",
@@ -438,7 +446,7 @@ fn the_report_of_a_run_says_what_happened_and_when() {
         (&report["kind"], &report["seed"], &report["solved_at_step"]),
         (&json!("run"), &json!(7), &json!(600))
     );
-    assert_eq!(report["collapses"][0]["moved_first"][0]["statistic"], "td_error.q90");
+    assert_eq!(report["collapses"][0]["moved_first"][0]["statistic"], "td_error_q90");
     assert_eq!(sandbox.read("r/evaluations.csv").lines().nth(1), Some("r,7,100,10"));
     let svg = sandbox.read("r/learning_curve.svg");
     assert!(svg.contains("last 100 training episodes") && svg.contains("<title>Learning curve of r</title>"));
@@ -510,15 +518,16 @@ fn what_moved_before_later_evaluations_that_solved_did_not_move_first() {
 fn a_run_that_ended_early_or_almost_solved_is_called_so() {
     let sandbox = Sandbox::new();
     sandbox.write("r/config.json", "{\"seed\": 7, \"environment\": \"CartPole-v1\"}");
-    let evaluation = |mean: f64| json!({"event": "evaluation", "env_steps": 100, "mean": mean}).to_string();
-    let end = |reason: &str| json!({"event": "end", "env_steps": 100, "reason": reason}).to_string();
+    let end = |reason: &str| {
+        json!({"event": "end", "env_steps": 100, "episodes": 1, "updates": 1, "reason": reason}).to_string()
+    };
     let early = "ended early: stop_when_lasting_steps ended the run after the evaluation at step 100, so nothing shows";
     for (mean, reason, said, is_early) in [
         (500.0, "lasting", "solved at step 100: the first evaluation ≥ 475; 1 of 1 evaluations are ", true),
         (400.0, "budget", "never solved: the best of 1 evaluations is mean return 400.0", false),
         (40.0, "budget", "never learned: the best of 1 evaluations is mean return 40.0", false),
     ] {
-        sandbox.write("r/metrics.jsonl", format!("{}\n{}\n", evaluation(mean), end(reason)));
+        sandbox.write("r/metrics.jsonl", format!("{}\n{}\n", evaluation(100, mean, true), end(reason)));
         let printed = unwrapped(&sandbox.run(&["report", "r"]).success());
         assert!(printed.contains(said) && printed.contains(early) == is_early, "{printed}");
     }
@@ -774,7 +783,7 @@ refusals! {
     refuses_a_run_without_an_evaluation:
         [("r/config.json", b"{\"environment\": \"CartPole-v1\"}"), ("r/metrics.jsonl", b"")], RUN => ["r/metrics.jsonl", "no evaluation"];
     refuses_damaged_metrics:
-        [("r/config.json", b"{\"environment\": \"CartPole-v1\"}"), ("r/metrics.jsonl", b"{}\nx\n")], RUN => ["r/metrics.jsonl", "line 2"];
+        [("r/config.json", b"{\"environment\": \"CartPole-v1\"}"), ("r/metrics.jsonl", b"{\"event\":\"statistics\",\"env_steps\":1}\nx\n")], RUN => ["r/metrics.jsonl", "line 2"];
 }
 
 #[test]
@@ -808,7 +817,7 @@ fn a_study_of_negative_returns_ranks_and_draws_them() {
     let trials: Vec<_> = study.trials(Shard::ALL).collect();
     let folder = StudyDir::create(&sandbox.path("s"), study).unwrap();
     let make = |_: &Config| TwoStates::make();
-    folder.run_in(&trials, &make, 2, &AtomicBool::new(false), |_| {}).unwrap();
+    folder.run(&trials, &make, 2, &AtomicBool::new(false), |_| {}).unwrap();
     drop(folder);
     sandbox.run(&["report", "s"]).success();
     let report = sandbox.json("s/report.json");

@@ -395,25 +395,27 @@ fn a_damaged_line_is_a_trial_for_no_command() {
 }
 
 #[test]
-fn a_study_of_endurance_says_how_many_policies_last() {
+fn a_study_says_how_many_policies_last_if_it_is_asked() {
     let sandbox = Sandbox::new();
     study(&sandbox, "plain", &[]).success();
+    study(&sandbox, "long", &["--lasting"]).success();
+    // The name that earlier versions had for the option.
     study(&sandbox, "long", &["--endurance"]).success();
     let trial = |study: &str| trial(&sandbox, study, "cartpole gamma=0.9", 3);
     let (plain, mut long) = (trial("plain"), trial("long"));
-    assert!(plain["final"].get("endured").is_none());
-    assert_eq!(long["final"]["endured"], json!(0), "200 steps teach nothing that lasts");
+    assert!(plain["final"].get("lasts").is_none());
+    assert_eq!(long["final"]["lasts"], json!(false), "200 steps teach nothing that lasts");
     for policy in ["best", "final"] {
-        long[policy].as_object_mut().unwrap().remove("endured");
+        long[policy].as_object_mut().unwrap().remove("lasts");
     }
     assert_eq!(plain, long, "the scores are those of CartPole-v1");
 
     sandbox.run(&["report", "long"]).success().stdout(predicates::str::contains("lasts 20000 steps"));
     let report: Value = serde_json::from_slice(&fs::read(sandbox.path("long/report.json")).unwrap()).unwrap();
-    assert_eq!(report["configs"][0]["endurance"]["final"], json!(0));
+    assert_eq!(report["configs"][0]["lasting"]["final"], json!(0));
     sandbox.run(&["report", "plain"]).success();
     let report: Value =
         serde_json::from_slice(&fs::read(sandbox.path("plain/report.json")).unwrap()).unwrap();
-    assert!(report["configs"][0].get("endurance").is_none());
-    study(&sandbox, "plain", &["--endurance"]).code(2).stderr(predicates::str::contains("`endurance`"));
+    assert!(report["configs"][0].get("lasting").is_none());
+    study(&sandbox, "plain", &["--lasting"]).code(2).stderr(predicates::str::contains("`endurance`"));
 }

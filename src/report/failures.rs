@@ -1,0 +1,87 @@
+//! Why trials of a study failed, and why others have no result.
+
+use serde::Serialize;
+
+use super::outcome::{Group, TrialOutcome};
+use crate::study::{LastTry, Study};
+use crate::text::visible;
+
+/// Most reasons that are printed.
+const MAX_REASONS: usize = 5;
+
+/// Trials that failed for the same reason.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Failures {
+    trials: usize,
+    /// That of the first, with its numbers.
+    reason: String,
+    config: String,
+    seed: u64,
+}
+
+/// Why trials diverged, see [`reasons`].
+pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
+    reasons(groups.iter().flat_map(|Group { name, outcomes, .. }| {
+        let reason = |outcome: &TrialOutcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
+        outcomes.iter().filter_map(reason).map(|(seed, error)| (name.clone(), seed, error))
+    }))
+}
+
+/// Why the last tries of missing trials ended, see [`reasons`].
+pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
+    let name = |config: usize| study.configs[config].name.clone();
+    reasons(last_tries.into_iter().map(|LastTry { config, seed, reason }| (name(config), seed, reason)))
+}
+
+/// The reasons of trials by config and seed, the most frequent first. Reasons that differ in their numbers alone are one.
+fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures> {
+    let mut kinds: Vec<(String, Failures)> = Vec::new();
+    for (config, seed, reason) in trials {
+        let kind = reason.replace(|c: char| c.is_ascii_digit(), "");
+        match kinds.iter_mut().find(|(known, _)| *known == kind) {
+            Some((_, failures)) => failures.trials += 1,
+            None => kinds.push((kind, Failures { trials: 1, reason, config, seed })),
+        }
+    }
+    let mut failures: Vec<Failures> = kinds.into_iter().map(|(_, failures)| failures).collect();
+    failures.sort_by_key(|failures| std::cmp::Reverse(failures.trials));
+    failures
+}
+
+/// How the last tries of missing trials ended, a line for each reason; nothing if there was none.
+pub(super) fn last_try_lines(last_tries: &[Failures], label: &dyn Fn(&str) -> String) -> Vec<String> {
+    lines(last_tries, label, |begun| {
+        format!(
+            "Why the last tries of {begun} missing trials ended without a result; the next ones resume them:"
+        )
+    })
+}
+
+/// A sentence on how many of the trials failed, and one on each reason; nothing if none did.
+pub(super) fn failure_lines(
+    failures: &[Failures],
+    trials: usize,
+    label: &dyn Fn(&str) -> String,
+) -> Vec<String> {
+    lines(failures, label, |failed| {
+        format!("{failed} of {trials} trials failed and count with the lowest return of the task:")
+    })
+}
+
+fn lines(
+    failures: &[Failures],
+    label: &dyn Fn(&str) -> String,
+    heading: impl Fn(usize) -> String,
+) -> Vec<String> {
+    let count: usize = failures.iter().map(|failures| failures.trials).sum();
+    let line = |Failures { trials, reason, config, seed }: &Failures| {
+        let which = if *trials == 1 { "" } else { "first: " };
+        format!("  {trials} ×: {} ({which}{}, seed {seed})", visible(reason), label(config))
+    };
+    let mut lines: Vec<String> = (count > 0).then(|| heading(count)).into_iter().collect();
+    lines.extend(failures.iter().take(MAX_REASONS).map(line));
+    if failures.len() > MAX_REASONS {
+        lines.push(format!("  … and {} other reasons; report.json has all", failures.len() - MAX_REASONS));
+    }
+    lines
+}
