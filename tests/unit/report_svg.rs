@@ -41,7 +41,7 @@ proptest! {
             let numbers = numbers(&ticks((drawn_low, drawn_high), 10.0));
             prop_assert!(!numbers.is_empty() && numbers.windows(2).all(|pair| pair[0] != pair[1]), "{:?}", numbers);
         }
-        let mut plot = Plot::new(Shape::FILE, "any", ["x", "y"], x, y);
+        let mut plot = Plot::new(Layout::FILE, "any", ["x", "y"], x, y);
         plot.line(0, &points);
         plot.steps(1, &points);
         plot.band(2, &points.iter().map(|&(x, y)| (x, y, y)).collect::<Vec<_>>());
@@ -82,14 +82,14 @@ fn large_numbers_at_an_axis_are_short_and_never_too_many() {
 
 #[test]
 fn one_point_is_seen() {
-    let mut plot = Plot::new(Shape::WIDE, "one", ["x", "y"], (0.0, 10.0), (0.0, 1.0));
+    let mut plot = Plot::new(Layout::WIDE, "one", ["x", "y"], (0.0, 10.0), (0.0, 1.0));
     plot.line(0, &[(5.0, 0.5)]);
     assert_eq!(plot.finish().matches("<circle").count(), 1);
 }
 
 #[test]
 fn a_legend_of_any_length_stays_in_the_plot() {
-    let mut plot = Plot::new(Shape::FILE, &"t".repeat(200), ["x", "y"], (0.0, 10.0), (0.0, 1.0));
+    let mut plot = Plot::new(Layout::FILE, &"t".repeat(200), ["x", "y"], (0.0, 10.0), (0.0, 1.0));
     plot.legend(0, &"n".repeat(200));
     let svg = plot.finish();
     let texts = svg.split('>').filter_map(|piece| piece.strip_suffix("</text"));
