@@ -22,7 +22,7 @@ use crate::trainer::{Evaluation, Event};
 
 /// Spaces before the keys that differ.
 const INDENT: usize = 4;
-/// Most columns of each cell of the table; the run's name takes what they leave.
+/// Largest width of each column of the table; the run's name takes the rest.
 const WIDTHS: [usize; 8] = [16, usize::MAX, 10, 6, 7, 6, 6, 7];
 
 /// List the runs below a directory, the newest first.
@@ -52,7 +52,7 @@ struct ListedRun {
     problem: Option<String>,
     /// When one of its files was last written.
     written: Option<String>,
-    /// What the config was called that it was started with; none where the run does not know.
+    /// The name of the config that it was started with, if known.
     config: Option<String>,
     /// The keys that differ from the default, but for seed and budget, with their values.
     changed: BTreeMap<&'static str, Value>,
@@ -123,7 +123,7 @@ impl ListedRun {
         let has_checkpoint = directory.last().exists() || directory.previous().exists();
         run.state = match has_ended {
             true if has_checkpoint => "ended",
-            // Only a run that has not ended is asked for: the lock that tells is held for a moment.
+            // Asked only if the run has not ended, because the question takes the lock for a moment.
             false if is_locked(&directory.metrics()) => "running",
             _ if !has_checkpoint => {
                 let checkpoints = directory.checkpoints();
@@ -169,8 +169,8 @@ impl ListedRun {
     }
 }
 
-/// Whether another process trains the run of this metrics file. To ask takes a lock that others may share, for a moment;
-/// `train` asks several times before it takes that for another process that trains.
+/// Whether another process trains the run of this metrics file. The question takes a shared lock for a moment, which is why
+/// `train` tries several times to get its own.
 fn is_locked(metrics: &Path) -> bool {
     let file = open_ordinary(metrics);
     file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))

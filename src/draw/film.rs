@@ -7,7 +7,7 @@ use gif::{Encoder, Frame, Repeat};
 use super::gif::{delay, io_error};
 use crate::env::Image;
 
-/// How a film begins behind the size of its pictures: with a palette of two black entries, because each picture has its own.
+/// The bytes of a film after its size: a global palette of two black entries, because each picture has a palette of its own.
 const START: [u8; 9] = [0x80, 0, 0, 0, 0, 0, 0, 0, 0];
 /// How carefully the colors of a picture with more than 256 of them are chosen, from 1 (slow) to 30.
 const SPEED: i32 = 10;
@@ -45,7 +45,7 @@ impl<W: Write> Film<W> {
     }
 }
 
-/// Whether a file that begins like this can be a [`Film`].
+/// Whether a file with this beginning may be a [`Film`].
 pub fn is_film(start: &[u8]) -> bool {
     start.starts_with(b"GIF89a") && start.get(10..19) == Some(&START)
 }

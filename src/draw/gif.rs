@@ -1,4 +1,4 @@
-//! GIF: frames of which each holds the rectangle that has changed.
+//! GIF: each frame holds only the rectangle that has changed.
 
 use std::io::{self, Write};
 
@@ -52,7 +52,7 @@ pub(super) fn delay(frames_per_second: f64) -> u16 {
     (100.0 / frames_per_second).round().clamp(2.0, 100.0) as u16
 }
 
-/// Whether a file that begins like this can be one of [`write_gif`]: its size is that of the pictures.
+/// Whether a file with this beginning may be one of [`write_gif`]: the size of the pictures is known.
 pub fn is_gif(start: &[u8]) -> bool {
     let size = [WIDTH.to_le_bytes(), HEIGHT.to_le_bytes()].concat();
     start.strip_prefix(b"GIF89a").is_some_and(|rest| rest.starts_with(&size))
@@ -87,7 +87,7 @@ impl Palette {
         self.colors.iter().position(|&known| known == color).unwrap_or(0)
     }
 
-    /// The index of what has not changed, after the colors and the mixtures of each of their pairs.
+    /// The index of an unchanged pixel, after the colors and the mixtures of every pair.
     fn unchanged(&self) -> u8 {
         let count = self.colors.len();
         (count + count * (count - 1) / 2 * usize::from(PARTS - 1)) as u8
@@ -197,7 +197,7 @@ fn draw(scene: &Scene, palette: &Palette, area: Area, shown: &mut [u8]) -> Frame
     }
 }
 
-/// How many samples of a pixel have each color. The pixel is a square whose upper left corner is (x, y).
+/// The number of samples of each color in the pixel with the upper left corner (x, y).
 fn counts(x: u16, y: u16, shapes: &[(Placed<'_>, usize)]) -> [u16; MAX_COLORS] {
     let mut counts = [0; MAX_COLORS];
     let offset = |sample: u16| (f64::from(sample) + 0.5) / f64::from(SAMPLES);

@@ -81,7 +81,7 @@ fn is_inside((x, y): (f64, f64), corners: &[(f64, f64)]) -> bool {
     corners.iter().zip(next).filter(crosses).count() % 2 == 1
 }
 
-/// Whether a point lies on the line between `a` and `b`. Most points lie far beside it, which takes no root to see.
+/// Whether a point lies on the line between `a` and `b`. Most points do not even lie in its bounding box.
 fn is_on_line(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
     let is_beside = |at: f64, a: f64, b: f64| at < a.min(b) - 0.5 || at > a.max(b) + 0.5;
     !is_beside(point.0, a.0, b.0) && !is_beside(point.1, a.1, b.1) && distance(point, a, b) < 0.5
@@ -98,11 +98,11 @@ fn distance(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
 
 /// One shape throughout an episode.
 pub struct Motion<'a> {
-    /// The shape in the first scene.
+    /// In the first scene.
     pub shape: &'a Shape,
-    /// Its place in every scene.
+    /// In every scene.
     pub at: Vec<(f64, f64)>,
-    /// Its angle in every scene, in rad.
+    /// In every scene, in rad.
     pub angle: Vec<f64>,
 }
 

@@ -8,7 +8,7 @@ use crate::env::scene::{Outline, Scene, Shape};
 const WIDTH: u16 = Scene::WIDTH;
 const HEIGHT: u16 = Scene::HEIGHT;
 
-/// The start of every picture; [`is_svg`] knows it by that.
+/// The beginning of every picture, by which [`is_svg`] recognises it.
 fn start() -> String {
     format!(
         r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}">
@@ -16,7 +16,7 @@ fn start() -> String {
     )
 }
 
-/// Whether a file that begins like this can be one of [`svg`].
+/// Whether a file with this beginning may be one of [`svg`].
 pub fn is_svg(start: &[u8]) -> bool {
     start.starts_with(self::start().as_bytes())
 }
@@ -36,7 +36,7 @@ pub fn svg(scenes: &[Scene], frames_per_second: f64, title: &str) -> String {
     text + "</svg>\n"
 }
 
-/// Elements at their first place, and moved from there: differences take fewer digits than places.
+/// Elements at their first place, and their motion as differences from it, which take fewer digits.
 fn moved(at: &[(f64, f64)], animation: &Animation, elements: &str) -> String {
     let &[first, ..] = at else { return String::new() };
     let difference = |&(x, y): &(f64, f64)| {

@@ -39,13 +39,13 @@ enum ComparisonVerdict {
     OtherTask,
 }
 
-/// On which side of the value of two equal configs an interval is; 0 where that value lies inside, none without an interval.
+/// Whether an interval lies above (1) or below (−1) the value of two equal configs, or contains it (0).
 fn side(estimate: &Estimate, equal: f64) -> Option<i8> {
-    let (low, high) = estimate.low.zip(estimate.high)?;
+    let (low, high) = estimate.interval()?;
     Some(i8::from(low > equal) - i8::from(high < equal))
 }
 
-/// What is compared of a config.
+/// What a comparison needs of a config.
 #[derive(Clone, Copy)]
 pub(super) struct Scored<'a> {
     pub(super) name: &'a str,
@@ -114,7 +114,7 @@ impl Comparison {
     }
 }
 
-/// What comparisons say, where one sentence is enough for all that have too few seeds.
+/// The statements of comparisons; those with too few seeds share one.
 pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
     let (few, mut said): (Vec<_>, Vec<_>) =
         comparisons.iter().partition(|comparison| comparison.verdict == ComparisonVerdict::TooFewSeeds);
@@ -128,7 +128,7 @@ pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
     said
 }
 
-/// How many runs a key ended before their budget was used up, and what that does to the numbers; nothing if none ended so.
+/// How many runs a key ended before their budget was used up, and what that does to the numbers; none if no run ended so.
 pub(super) fn early_ends(groups: &[Group]) -> Option<String> {
     let outcomes = || groups.iter().flat_map(|group| &group.outcomes);
     let mut keys: Vec<&str> = outcomes().filter_map(|outcome| outcome.stopped_by).collect();

@@ -23,7 +23,7 @@ const STYLE: &str = include_str!("html/page.css");
 const SCRIPT: &str = include_str!("html/page.js");
 const POLICY: &str = include_str!("html/policy.html");
 
-/// Whether a file that begins like this can be one of [`page`].
+/// Whether a file with this beginning may be a [`page`], which another page may replace.
 pub fn is_page(start: &[u8]) -> bool {
     let own = PAGE.split("{{").next().unwrap_or_default();
     start.starts_with(own.as_bytes())
@@ -168,7 +168,7 @@ fn unplayed(directory: &Path, run: &Run) -> String {
     )
 }
 
-/// What became of the runs: cards of one, a table of several, and what is said of each.
+/// The results: one run has cards, several runs have a table; then the statements on each.
 fn results(runs: &[Run]) -> String {
     let solved = |run: &Run| match (run.report.solved_at_step, run.task.solved_return) {
         (Some(step), _) => step.to_string(),
@@ -232,7 +232,7 @@ fn table(rows: &[Vec<String>], names: usize) -> String {
     html + "</table></div>\n"
 }
 
-/// Path, value, default and meaning of every key; of a config that this version does not know only the first two.
+/// Path, value, default and meaning of every key; only path and value if this version does not know the config.
 fn settings(config: &Value) -> Vec<[String; 4]> {
     fn flatten(path: &str, value: &Value, rows: &mut Vec<[String; 4]>) {
         match value.as_object() {
@@ -254,7 +254,7 @@ fn settings(config: &Value) -> Vec<[String; 4]> {
     rows
 }
 
-/// Every key of one config; of several in what they differ, and the first below.
+/// Every key of one config. For several configs: the keys in which they differ, then every key of the first.
 fn config_tables(configs: &[(&str, &Value)]) -> String {
     let all: Vec<Vec<[String; 4]>> = configs.iter().map(|(_, config)| settings(config)).collect();
     match (&all[..], configs) {

@@ -41,7 +41,7 @@ pub const FORMAT_VERSION: u32 = 1;
 /// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 30;
 
-/// Writes the content of a file. That of a large study would fill the memory.
+/// Writes the content of a file: the table of a large study would fill the memory.
 pub type Content = Box<dyn Fn(&mut dyn Write) -> io::Result<()>>;
 
 /// A finished report.
@@ -52,7 +52,7 @@ pub struct Report {
     pub json: Value,
     /// The other files: name and content.
     pub files: Vec<(&'static str, Content)>,
-    /// What of the files it left out.
+    /// Notes on the lines that it ignores.
     pub notes: Vec<String>,
 }
 
@@ -112,7 +112,7 @@ impl Report {
     }
 }
 
-/// Whether a file that begins like this can be one of a report, a page apart.
+/// Whether a file with this beginning may be a file of a report other than its page.
 pub fn is_own(start: &[u8]) -> bool {
     [JSON_START, CSV_START, svg::START].iter().any(|own| start.starts_with(own.as_bytes()))
 }
@@ -140,7 +140,7 @@ fn csv<'a>(
     Ok(())
 }
 
-/// A content that is there already.
+/// A content that is in memory.
 fn whole(text: String) -> Content {
     Box::new(move |file| file.write_all(text.as_bytes()))
 }

@@ -16,7 +16,7 @@ pub(super) struct Group {
     pub(super) outcomes: Vec<TrialOutcome>,
 }
 
-/// What became of a trial.
+/// The result of a trial.
 #[derive(Debug)]
 pub(super) struct TrialOutcome {
     pub(super) seed: u64,
@@ -25,7 +25,7 @@ pub(super) struct TrialOutcome {
     pub(super) stopped_by: Option<&'static str>,
     pub(super) best: Option<PolicyOutcome>,
     pub(super) final_: Option<PolicyOutcome>,
-    /// The steps of the evaluations; trials of the same steps share them.
+    /// The steps of the evaluations, shared with other trials that have the same.
     pub(super) steps: Arc<[u64]>,
     means: Box<[f64]>,
 }
@@ -43,7 +43,7 @@ pub(super) fn score(policy: Option<PolicyOutcome>, task: &Spec) -> f64 {
 }
 
 impl TrialOutcome {
-    /// Takes the `steps` of another trial if they are its own.
+    /// Shares `steps` with the trial before if both have evaluations at the same steps.
     fn new(Finished { trial, .. }: Finished, steps: &mut Arc<[u64]>) -> Self {
         let own = trial.evaluations.iter().map(|evaluation| evaluation.env_steps);
         if !own.clone().eq(steps.iter().copied()) {
@@ -73,7 +73,7 @@ impl TrialOutcome {
     }
 }
 
-/// The configs that have finished trials, and what is left out.
+/// The configs that have finished trials, and what a report leaves out.
 pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), ReportError> {
     let named = study_dir.study().configs.iter();
     let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {

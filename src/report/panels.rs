@@ -9,13 +9,13 @@ use crate::agent::{STATISTICS, Statistic};
 /// (Environment steps, value).
 type Points = Vec<(f64, f64)>;
 
-/// Most points of a line are twice as many.
+/// Columns of a thinned line, each with at most two points.
 const COLUMNS: usize = 600;
 
-/// The first so many statistics of a page are seen at once, the others can be unfolded.
+/// This many statistics are visible at once; the others can be unfolded.
 const FOLDED_FROM: usize = 4;
 
-/// A plot in its two sizes, of which the style sheet shows one.
+/// A plot in two sizes; the style sheet shows one of them.
 pub(super) fn figure(draw: impl Fn(Layout) -> Plot) -> String {
     let wide = draw(Layout::WIDE);
     format!(
@@ -53,7 +53,7 @@ pub(super) fn learning(runs: &[Run]) -> String {
     shown
 }
 
-/// Of one run with the range of its evaluations; of several one colour for each.
+/// The learning curve: one run has the range of its evaluations, several runs have a colour each.
 fn learning_curve(layout: Layout, runs: &[Run], end: f64) -> Plot {
     let mut plot = returns(layout, "Learning curve", &runs[0].task, end);
     for (series, Run { name, history, .. }) in runs.iter().enumerate() {
@@ -72,7 +72,7 @@ fn learning_curve(layout: Layout, runs: &[Run], end: f64) -> Plot {
     plot
 }
 
-/// One quantity of all runs; empty if none has it. On a logarithmic axis only what is above 0 is drawn.
+/// One quantity of all runs; empty if no run has it. A logarithmic axis shows only values above 0.
 fn panel(
     runs: &[Run],
     end: f64,
@@ -106,7 +106,7 @@ fn panel(
     })
 }
 
-/// At most the smallest and the largest value of each of many columns, so that no outlier is lost.
+/// Only the smallest and the largest value of each column, so that no outlier is lost.
 fn thinned(points: &[(f64, f64)]) -> Points {
     if points.len() <= 2 * COLUMNS {
         return points.to_vec();

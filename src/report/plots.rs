@@ -34,7 +34,6 @@ fn range<'a>(tasks: impl Iterator<Item = &'a Spec>) -> (f64, f64) {
     (low, high + 0.02 * (high - low))
 }
 
-/// The tasks of the configs.
 fn tasks(configs: &[ConfigReport]) -> impl Iterator<Item = &Spec> {
     configs.iter().map(|config| &config.task)
 }
@@ -74,13 +73,9 @@ pub(super) fn returns(layout: Layout, title: &str, task: &Spec, end: f64) -> Plo
     plot
 }
 
-fn ends(estimate: &Estimate) -> Option<(f64, f64)> {
-    estimate.low.zip(estimate.high)
-}
-
 /// What a title says of intervals: nothing where none is drawn.
 fn with_intervals<'a>(title: &str, mut estimates: impl Iterator<Item = &'a Estimate>, kind: &str) -> String {
-    let drawn = estimates.any(|estimate| ends(estimate).is_some());
+    let drawn = estimates.any(|estimate| estimate.interval().is_some());
     if drawn { format!("{title}, 95 % {kind} interval") } else { title.into() }
 }
 
@@ -98,7 +93,7 @@ fn legend(plot: &mut Plot, configs: &[ConfigReport]) {
 /// A line and its band, for points (x, estimate).
 fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
     let band: Option<Vec<_>> =
-        points.iter().map(|(x, estimate)| ends(estimate).map(|(low, high)| (*x, low, high))).collect();
+        points.iter().map(|(x, estimate)| estimate.interval().map(|(low, high)| (*x, low, high))).collect();
     if let Some(band) = band {
         plot.band(series, &band);
     }
@@ -158,7 +153,7 @@ fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> 
     plot
 }
 
-/// The differences of the IQMs from the first config's; of one config alone its IQM. Only their range is shown.
+/// Differences of the IQMs from the first config's; for a single config its IQM. The axis covers only these values.
 fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layout) -> Plot {
     let differences =
         comparisons.iter().map(|Comparison { labels, iqm_difference, .. }| (&labels[0], iqm_difference));
@@ -189,7 +184,7 @@ fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layou
     for (series, (label, estimate)) in rows.iter().enumerate() {
         let text = format!("{label}: {}", shown(estimate, 1));
         let y = count - series as f64 - 0.7;
-        plot.interval(series + usize::from(is_difference), y, estimate.value, ends(estimate), &text);
+        plot.interval(series + usize::from(is_difference), y, estimate.value, estimate.interval(), &text);
     }
     plot
 }

@@ -28,7 +28,7 @@ pub(super) struct RunReport {
     format_version: u32,
     kind: &'static str,
     threshold: Option<f64>,
-    /// Below it a solution that is lost has collapsed.
+    /// A lost solution with a lower mean return has collapsed.
     half_way: Option<f64>,
     pub(super) seed: u64,
     pub(super) ended: bool,
@@ -51,7 +51,7 @@ pub(super) struct RunReport {
 #[derive(Serialize)]
 struct Training {
     episodes: usize,
-    /// Of fewer where there are not as many.
+    /// Of all episodes if there are fewer than 100.
     mean_return_100: f64,
     /// Environment steps after which 100 episodes in a row first had a mean of the threshold.
     solved_at_step: Option<u64>,
@@ -90,9 +90,9 @@ struct Moved {
     usual_std: f64,
 }
 
-/// A run that has been read and judged.
+/// A run and its report.
 pub(super) struct Run {
-    /// The end of its directory's path: as much as tells it from the others, as it can be shown.
+    /// The shortest end of its directory's path that no other run has, as text for a terminal.
     pub(super) name: String,
     pub(super) config: Value,
     pub(super) environment: EnvironmentConfig,
@@ -142,7 +142,7 @@ impl Run {
     }
 }
 
-/// What runs are called: the shortest ends of their paths that tell each from all others.
+/// The names of runs: the shortest ends of their paths that differ from all others.
 pub(super) fn names(directories: &[PathBuf]) -> Result<Vec<String>, ReportError> {
     let absolute = |directory: &PathBuf| {
         directory.canonicalize().map_err(|error| ReportError::unreadable(directory, &error))
@@ -179,7 +179,7 @@ pub(super) fn report(directory: &Path) -> Result<Report, ReportError> {
 }
 
 impl History {
-    /// What is told of a loss that was a collapse. Only what moved since the last evaluation that solved can have to do with it.
+    /// Describes a loss that was a collapse. Only a statistic that moved after the last evaluation that solved can explain it.
     fn collapse(
         &self,
         &LostSolution { before, lowest, collapse, recovered, .. }: &LostSolution,

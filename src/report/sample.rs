@@ -6,16 +6,16 @@ use std::ops::Range;
 
 use crate::rng::Rng;
 
-/// Up to so many seeds a bootstrap draws seed by seed; above, group by group.
+/// Most seeds with which a bootstrap draws seed by seed; with more seeds it draws group by group.
 pub const EXACT_SEEDS: usize = 10_000;
 /// No group of a sample is wider than this share of the sample's range.
 const WIDTHS: f64 = 1024.0;
-/// Up to so many equal values are added one by one, as if each were there on its own.
+/// Up to this many equal values are added one by one, which gives the bits of a plain sum.
 const ADDED_SINGLY: usize = 64;
-/// Up to this mean a binomial number is drawn by inversion, and above it is a rounded normal number.
+/// Largest mean at which a binomial number is drawn by inversion; above, it is a rounded normal number.
 const INVERTED: f64 = 32.0;
 
-/// Values in ascending order, each with how often it is there.
+/// Values in ascending order, each with its count.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sample {
     values: Vec<f64>,
@@ -41,7 +41,7 @@ impl Sample {
         self.total == 0
     }
 
-    /// The values, each with how often it is there.
+    /// The values, each with its count.
     pub fn iter(&self) -> impl Iterator<Item = (f64, usize)> {
         self.values.iter().copied().zip(self.counts.iter().copied())
     }
@@ -70,8 +70,8 @@ impl Sample {
         sum / places.len() as f64
     }
 
-    /// Neighbours in groups, each with its mean for all its values: values that are equal and many, or few and close to each
-    /// other. Resamples of up to about 4 √n + 1,024 groups are much faster than those of n values.
+    /// Above [`EXACT_SEEDS`]: neighbours in groups, in each of which every value is the mean. A group has either equal values, or
+    /// few values that are close to each other. So there are at most about 4 √n + 1,024 groups.
     pub(super) fn grouped(&self) -> Cow<'_, Self> {
         if self.total <= EXACT_SEEDS {
             return Cow::Borrowed(self);

@@ -19,18 +19,21 @@ const Z: f64 = 1.959_963_984_540_054;
 
 /// A number and its 95 % interval; none with fewer than [`LEAST_SEEDS`] seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[allow(missing_docs)]
 pub struct Estimate {
-    /// The number.
     pub value: f64,
-    /// Lower end of the interval.
     pub low: Option<f64>,
-    /// Upper end of the interval.
     pub high: Option<f64>,
 }
 
 impl Estimate {
     fn new(value: f64, interval: Option<(f64, f64)>) -> Self {
         Self { value, low: interval.map(|(low, _)| low), high: interval.map(|(_, high)| high) }
+    }
+
+    /// The ends of the interval.
+    pub(super) fn interval(&self) -> Option<(f64, f64)> {
+        self.low.zip(self.high)
     }
 
     /// A statistic of a sample with its percentile bootstrap interval; above [`EXACT_SEEDS`] seeds with one of groups.
@@ -64,7 +67,7 @@ impl Estimate {
         Self::new(statistic(x, y), interval)
     }
 
-    /// The same interval around another value: the groups of a sample have a slightly other one.
+    /// The interval, moved to another value: that of a grouped sample is slightly different.
     fn moved_to(self, value: f64) -> Self {
         let by = value - self.value;
         Self { value, low: self.low.map(|low| low + by), high: self.high.map(|high| high + by) }
@@ -133,14 +136,13 @@ pub fn wilson(count: usize, total: usize) -> (f64, f64) {
     (((centre - half) / scale).max(0.0), ((centre + half) / scale).min(1.0))
 }
 
-/// The smallest value that at least the share `q` of all reaches, where `total − sample.len()` of all never do and
-/// count as infinite; none if it is one of those.
+/// Quantile `q` of `total` values, of which `sample` has the finite ones in ascending order; none if the quantile is infinite.
 pub fn censored_quantile(sample: &[u64], total: usize, q: f64) -> Option<u64> {
     let rank = (q * total as f64).ceil().max(1.0) as usize;
     sample.get(rank - 1).copied()
 }
 
-/// The middle 95 % of a statistic over [`RESAMPLES`] resamples; none for less than [`LEAST_SEEDS`] seeds.
+/// The middle 95 % of a statistic over [`RESAMPLES`] resamples; none for fewer than [`LEAST_SEEDS`] seeds.
 fn bootstrap(seeds: usize, mut statistic: impl FnMut(&mut Rng) -> f64) -> Option<(f64, f64)> {
     if seeds < LEAST_SEEDS {
         return None;
@@ -153,8 +155,8 @@ fn bootstrap(seeds: usize, mut statistic: impl FnMut(&mut Rng) -> f64) -> Option
 
 /// `value [low, high]`.
 pub(super) fn shown(estimate: &Estimate, digits: usize) -> String {
-    match (estimate.low, estimate.high) {
-        (Some(low), Some(high)) => format!("{:.digits$} [{low:.digits$}, {high:.digits$}]", estimate.value),
-        _ => format!("{:.digits$}", estimate.value),
+    match estimate.interval() {
+        Some((low, high)) => format!("{:.digits$} [{low:.digits$}, {high:.digits$}]", estimate.value),
+        None => format!("{:.digits$}", estimate.value),
     }
 }

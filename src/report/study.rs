@@ -18,12 +18,13 @@ use crate::trainer::Evaluation;
 
 /// Most configs that a note names.
 const MAX_NAMED: usize = 3;
-/// A study that has been read and judged.
+
+/// A study and its report.
 pub(super) struct ReadStudy {
     pub(super) configs: Vec<NamedConfig>,
     groups: Vec<Group>,
     pub(super) report: StudyReport,
-    /// What of its files is left out.
+    /// Notes on the lines that it ignores.
     pub(super) notes: Vec<String>,
 }
 
@@ -93,7 +94,7 @@ pub fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String 
     last_try_lines(&last_tries(study, tries), &visible).iter().map(|line| wrapped(line, 0)).collect()
 }
 
-/// What a reader must know of the numbers: one note for all configs that it is true of.
+/// What a reader must know to judge the numbers. Configs for which the same note is true share it.
 fn warnings(manifest: &study::Study, configs: &[ConfigReport], labels: &Labels) -> Vec<String> {
     let seeds = manifest.seeds.clone().count();
     let mut notes: Vec<(String, Vec<&str>)> = Vec::new();

@@ -4,12 +4,12 @@ use std::fmt::Write;
 
 use crate::text::{lines, visible};
 
-/// How the plots begin that are files.
+/// The beginning of every plot that is a file.
 pub(super) const START: &str = r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 "#;
 const LEGEND_LINE: f64 = 18.0;
 /// Widest line of text in a plot, in characters.
 const LINE: usize = 84;
-/// Pixels of an axis that a number takes with some air.
+/// Pixels that a number takes along the x axis and along the y axis.
 const TICK: (f64, f64) = (48.0, 32.0);
 
 /// The size of a plot in pixels, and what surrounds its axes.
@@ -21,7 +21,7 @@ pub(super) struct Layout {
     right: f64,
     top: f64,
     bottom: f64,
-    /// Whether title, legend and names are in the plot; a page says them around it.
+    /// Whether the plot has title, legend and axis names; a page has them around the plot.
     labelled: bool,
 }
 
@@ -47,7 +47,7 @@ impl Layout {
         Self { height: self.height / 2.0, bottom: 28.0, ..self }
     }
 
-    /// High enough for so many rows, each with a name above, and no higher.
+    /// Just high enough for this many rows, each with a name above it.
     pub(super) fn for_rows(self, rows: usize) -> Self {
         Self { height: self.top + self.bottom + 44.0 * rows as f64, ..self }
     }
@@ -95,7 +95,7 @@ pub(super) struct Plot {
 }
 
 impl Plot {
-    /// A plot over the given ranges. See [`drawable`] for one that is none.
+    /// A plot over these ranges, which are widened if they are too narrow.
     pub(super) fn new(
         layout: Layout,
         title: &str,
@@ -360,7 +360,7 @@ fn dashes(series: usize) -> String {
     }
 }
 
-/// The range that is drawn: what is too narrow for different numbers along an axis is widened.
+/// A range, widened if it is too narrow for different numbers along an axis.
 fn drawable((low, high): (f64, f64)) -> (f64, f64) {
     let bounded = |end: f64| if end.is_nan() { 0.0 } else { end.clamp(-1e308, 1e308) };
     let (low, high) = (bounded(low), bounded(high));
@@ -386,8 +386,7 @@ fn ticks((low, high): (f64, f64), most: f64) -> Vec<f64> {
     ticks
 }
 
-/// The numbers of an axis as they are written there: `50k`, `1.5M`, where any has five digits or more; with as many digits as
-/// it takes to tell them apart.
+/// The numbers of an axis as texts with just enough digits to differ: `50k` and `1.5M` if the largest has five digits or more.
 fn numbers(ticks: &[f64]) -> Vec<String> {
     let largest = ticks.iter().fold(0.0_f64, |largest, tick| largest.max(tick.abs()));
     let with = |digits| ticks.iter().map(|&tick| number(tick, largest, digits)).collect::<Vec<_>>();
@@ -395,7 +394,7 @@ fn numbers(ticks: &[f64]) -> Vec<String> {
     (1..17).map(with).find(differ).unwrap_or_else(|| with(17))
 }
 
-/// A number with so many digits behind that of a power of ten, or three more behind the point.
+/// A number with this many digits of its mantissa, or three more behind the decimal point.
 fn number(value: f64, largest: f64, digits: usize) -> String {
     const UNITS: [(f64, &str); 4] = [(1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")];
     if value == 0.0 {

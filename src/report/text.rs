@@ -12,9 +12,9 @@ use crate::trainer::LASTING_EPISODES;
 
 fn share_shown(count: usize, share: &Estimate) -> String {
     let percent = |value: f64| 100.0 * value;
-    match (share.low, share.high) {
-        (Some(low), Some(high)) => format!("{count} [{:.1}, {:.1} %]", percent(low), percent(high)),
-        _ => count.to_string(),
+    match share.interval() {
+        Some((low, high)) => format!("{count} [{:.1}, {:.1} %]", percent(low), percent(high)),
+        None => count.to_string(),
     }
 }
 

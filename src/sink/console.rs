@@ -11,13 +11,13 @@ use crate::trainer::{Event, Observer};
 /// Shortest time between two plain lines.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
-/// Shows how a run goes.
+/// Shows the progress of a run.
 #[derive(Debug)]
 pub struct Console {
     bar: ProgressBar,
     budget: Budget,
-    /// When the first episode with learning ended, and the environment steps until then: steps without learning are no
-    /// measure of what follows.
+    /// When the first episode with learning ended, and the environment steps until then: the speed is measured from there, because
+    /// steps without learning are faster.
     learning: Option<(Instant, u64)>,
     last_line: Option<Instant>,
     episode: String,
@@ -103,14 +103,14 @@ impl Observer for Console {
     }
 }
 
-/// A run that fails sends no end: the bar must not stay behind.
+/// A run that fails sends no `End`, and its bar must go too.
 impl Drop for Console {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
 }
 
-/// Prints a line for every so many episodes, as the tutorial does.
+/// Prints a line for every N-th episode, as the tutorial does.
 #[derive(Debug)]
 pub struct EpisodeLog {
     /// Empty where the budget does not count episodes.

@@ -9,20 +9,19 @@ use std::time::Duration;
 use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
-/// How often the file's lock is asked for, and the time between. The command `runs` has the lock for microseconds, to see
-/// whether somebody trains; a process that trains keeps it.
+/// How often the lock is tried, and the pause between. `runs` holds it for microseconds, a process that trains until it ends.
 const ATTEMPTS: u32 = 5;
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// Appends events to a file, each at once, so that a full disk is noticed with the first line that it cannot take. As
-/// long as it is there no other process gets hold of the file.
+/// Appends events to a file, each at once, so that a full disk is noticed at the first line that does not fit. It holds the
+/// file's lock.
 #[derive(Debug)]
 pub struct JsonLines {
     file: File,
 }
 
 impl JsonLines {
-    /// Opens the file that is there; [`Self::cut`] says where the next event is written.
+    /// Opens an existing file; [`Self::cut`] says where the next event is written.
     ///
     /// # Errors
     /// When that fails; [`io::ErrorKind::WouldBlock`] when another process has the file.
@@ -30,10 +29,10 @@ impl JsonLines {
         Self::lock(directory.open_file(path)?, directory, path)
     }
 
-    /// Makes the file.
+    /// Creates the file.
     ///
     /// # Errors
-    /// When that fails, also because it is there; [`io::ErrorKind::WouldBlock`] when another process already has it.
+    /// When that fails or the file exists; [`io::ErrorKind::WouldBlock`] when another process has it.
     pub fn create(directory: &Directory, path: &Path) -> io::Result<Self> {
         Self::lock(directory.create_file(path)?, directory, path)
     }
@@ -55,7 +54,7 @@ impl JsonLines {
         Err(io::ErrorKind::WouldBlock.into())
     }
 
-    /// Removes what follows the first `lines` lines; false, and no change, if there are fewer whole ones.
+    /// Keeps only the first `lines` lines; changes nothing and returns false if there are fewer whole lines.
     ///
     /// # Errors
     /// When the file cannot be read or written.

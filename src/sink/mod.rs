@@ -12,5 +12,5 @@ pub use json_lines::JsonLines;
 #[cfg(feature = "tensorboard")]
 pub use tensorboard::TensorBoard;
 
-/// What the names of event files for TensorBoard begin with; TensorBoard finds them by it.
+/// The prefix by which TensorBoard finds event files.
 pub const TENSORBOARD_PREFIX: &str = "events.out.tfevents.";

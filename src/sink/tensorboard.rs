@@ -21,11 +21,11 @@ const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// Episodes of a running mean, as in `mean_return_100`.
 const RECENT: usize = 100;
 
-/// Appends events to an event file, against environment steps. It holds wall-clock times, as the format demands, and is
-/// therefore the one file of a run that is never the same again.
+/// Appends events to an event file, against environment steps. The format demands wall-clock times, so this is the one file of
+/// a run whose bytes differ each time.
 pub struct TensorBoard {
     file: BufWriter<File>,
-    /// The optimiser's step size after so many environment steps.
+    /// The learning rate after a number of environment steps.
     learning_rate: Box<dyn Fn(u64) -> f64>,
     recent_lengths: VecDeque<u64>,
     /// When the first event came, and its environment steps.

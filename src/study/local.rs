@@ -1,4 +1,4 @@
-//! The trials of a study in this process: its threads.
+//! Runs trials of a study on threads of this process.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
@@ -9,16 +9,15 @@ use super::{Study, StudyDir, StudyError, Trial, Unended};
 use crate::config::Config;
 use crate::env::Make;
 
-/// Makes what makes the environments of a config.
+/// The environments of a config.
 pub type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
 
 impl StudyDir {
-    /// Runs these trials on `jobs` threads, in the environments that `make` has for the configs, and shows each to `done`, in
-    /// the order in which they end. Once `stop` is set, no trial begins, and those that have begun are kept as they are: who
-    /// runs them next resumes them.
+    /// Runs these trials on `jobs` threads, in the environments that `make` gives for the configs, and shows each to `done` when it
+    /// ends. Once `stop` is set, no trial begins, and each unfinished trial writes a checkpoint from which it can be resumed.
     ///
     /// # Errors
-    /// When a trial cannot be written, which sets `stop`. A trial that diverges or does not come to its end is no error.
+    /// When a trial cannot be written, which sets `stop`. A trial that diverges or is stopped is no error.
     pub fn run(
         &self,
         trials: &[(usize, u64)],
@@ -49,8 +48,7 @@ impl StudyDir {
             for (number, ended) in finished {
                 match &ended {
                     Ok(trial) => {
-                        // After an error the file may end in the middle of a line, and nothing may follow: the other trials
-                        // are stopped, and kept if there is room for that.
+                        // After an error the file may end in the middle of a line, and nothing may follow.
                         writer.append(trial).inspect_err(|_| stop.store(true, Ordering::Relaxed))?;
                         self.forget_unfinished(number);
                     }

@@ -1,7 +1,7 @@
 //! Many runs: every config of a study with every seed, in any number of processes on any number of machines.
 //!
-//! A trial is a function of its config and seed alone. So it does not matter which process runs it, how often, and in which
-//! order: the trials that a study leaves are the same.
+//! A trial follows from its config and seed alone. So the results are the same whichever processes run the trials, in whatever
+//! order and however often.
 
 mod local;
 mod plan;

@@ -19,7 +19,7 @@ use crate::text::excerpt;
 
 /// Version of the files of a study.
 pub const FORMAT_VERSION: u32 = 2;
-/// Most seeds of a study, so that a slip of the keyboard does not fill the memory.
+/// Most seeds of a study: a mistyped number must not fill the memory.
 pub const MAX_SEEDS: u64 = 1_000_000;
 /// Largest `study.json` that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 26;
@@ -35,7 +35,7 @@ pub struct Study {
     pub configs: Vec<NamedConfig>,
     /// The seeds that each config is trained with.
     pub seeds: Range<u64>,
-    /// Whether it is tested that policies last [`super::LASTING_STEPS`] steps.
+    /// Whether its trials test if policies last [`super::LASTING_STEPS`] steps.
     #[serde(rename = "endurance", default, skip_serializing_if = "std::ops::Not::not")]
     pub lasting: bool,
 }
@@ -43,11 +43,11 @@ pub struct Study {
 /// One config of a study.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct NamedConfig {
-    /// How reports call it.
+    /// Its name in reports.
     pub name: String,
     /// The config; its seed is 0, and each trial puts its own there.
     pub config: Config,
-    /// What is known of its task: a report needs the thresholds, and starts no environment.
+    /// Its task: a report needs the threshold, and starts no environment.
     pub task: Spec,
 }
 
@@ -60,7 +60,7 @@ impl NamedConfig {
         Ok(Self { name, task: config.environment.spec()?, config })
     }
 
-    /// Whether the task is that of the config's environment; what a page shows of a task, its map, does not count.
+    /// Whether the task is that of the config's environment. The map, which only a page shows, is not compared.
     fn has_its_own_task(&self) -> bool {
         let own = self.config.environment.spec();
         own.is_ok_and(|own| Spec { map: None, ..own } == Spec { map: None, ..self.task.clone() })
@@ -100,8 +100,8 @@ impl Study {
         Self { format_version: FORMAT_VERSION, version, configs, seeds, lasting }
     }
 
-    /// Every trial of a part as (index of its config, seed): the configs take turns, so that an unfinished study compares
-    /// them on the same seeds, and every part has all of them.
+    /// Every trial of a part as (index of its config, seed). The configs take turns, so that an unfinished study compares them
+    /// on the same seeds.
     pub fn trials(&self, shard: Shard) -> impl Iterator<Item = (usize, u64)> {
         let all =
             self.seeds.clone().flat_map(|seed| (0..self.configs.len()).map(move |config| (config, seed)));
@@ -144,7 +144,7 @@ impl Study {
         Ok(study)
     }
 
-    /// Whether this program can go on with a study that was read.
+    /// Checks that this program can continue the study.
     pub(super) fn check(&self) -> Result<(), String> {
         let (version, own) = (&self.version, env!("CARGO_PKG_VERSION"));
         if version != own {
@@ -162,7 +162,7 @@ impl Study {
 
     /// Writes the plan into the directory of a new study, or of the same study, which may have had fewer seeds.
     ///
-    /// Two processes may do so at the same time. Where no file system helps to tell who was first, both write equal bytes.
+    /// Two processes may do so at the same time: the second compares its plan with that of the first.
     ///
     /// # Errors
     /// When there is something else in the directory, another study included, or it cannot be written.

@@ -3,7 +3,7 @@
 //! nothing worse than an unfinished last line, which readers ignore.
 //!
 //! `unfinished/CONFIG-SEED.safetensors` is the newest checkpoint of a trial that has no line, and `unfinished/CONFIG-SEED.txt`
-//! says why its last try ended. They are no results, and go when the trial has its line.
+//! says why its last try ended. Both are removed when the trial has its line.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs::{self, File};
@@ -34,7 +34,7 @@ const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 /// Takes a finished trial.
 type Each<'a> = dyn FnMut(Finished) -> Result<(), String> + 'a;
 
-/// The directory of a study, for as many processes as there are.
+/// The directory of a study, which any number of processes may use at the same time.
 #[derive(Debug)]
 pub struct StudyDir {
     pub(super) path: PathBuf,
@@ -45,30 +45,29 @@ pub struct StudyDir {
 
 /// A finished trial, as a reader of the directory gets it.
 #[derive(Debug)]
+#[allow(missing_docs)]
 pub struct Finished {
     /// Index of its config.
     pub config: usize,
-    /// Its line.
     pub trial: Trial<TrialSummary>,
 }
 
-/// What a reader of the finished trials does not see.
+/// What a reader of the finished trials is not shown.
 #[derive(Debug, Default)]
 pub struct Omitted {
-    /// Lines that no process has finished, and trials with seeds that the study has not.
+    /// Notes on unfinished lines, and on trials with seeds that the study does not have.
     pub notes: Vec<String>,
-    /// The trials that have begun and have no line, by config and seed.
+    /// The trials that have begun and have no line, in the order of config and seed.
     pub last_tries: Vec<LastTry>,
 }
 
-/// How the last try of a trial ended that has no line.
+/// How the last try of a trial without a line ended.
 #[derive(Debug)]
+#[allow(missing_docs)]
 pub struct LastTry {
     /// Index of its config.
     pub config: usize,
-    /// Its seed.
     pub seed: u64,
-    /// What ended it.
     pub reason: String,
 }
 
@@ -85,7 +84,7 @@ impl StudyDir {
         Self::with(path, study)
     }
 
-    /// Opens the directory of a study, to go on with it.
+    /// Opens the directory of a study to continue it.
     ///
     /// # Errors
     /// When there is none, or another version of this program began it.
@@ -109,7 +108,7 @@ impl StudyDir {
         Ok(Self { path: path.into(), directory, study })
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -133,7 +132,7 @@ impl StudyDir {
         self.path.join(UNFINISHED).join(format!("{config}-{seed}.{extension}"))
     }
 
-    /// Keeps why a try has ended. Where that cannot be written, the process has said it, and the trial is missing all the same.
+    /// Records why a try ended. An error is ignored: the process has printed the reason, and the trial is missing either way.
     pub(super) fn record_last_try(&self, trial: (usize, u64), reason: &str) {
         let path = self.unfinished_file(trial, REASON);
         let written = self
@@ -143,18 +142,18 @@ impl StudyDir {
         drop(written);
     }
 
-    /// Removes why the try before has ended: another one begins.
+    /// Removes the reason of the try before.
     pub(super) fn forget_last_try(&self, trial: (usize, u64)) {
         let _ = self.directory.remove_file(&self.unfinished_file(trial, REASON));
     }
 
-    /// Removes what is kept of a trial that has its line now.
+    /// Removes the checkpoint and the reason of a trial that has its line now.
     pub(super) fn forget_unfinished(&self, trial: (usize, u64)) {
         self.forget_last_try(trial);
         let _ = self.directory.remove_file(&self.unfinished(trial));
     }
 
-    /// The trials of which something is kept.
+    /// The trials with a checkpoint or a reason.
     fn kept(&self) -> BTreeSet<(usize, u64)> {
         let trial = |entry: io::Result<fs::DirEntry>| {
             let path = entry.ok()?.path();
@@ -166,8 +165,8 @@ impl StudyDir {
         fs::read_dir(self.path.join(UNFINISHED)).into_iter().flatten().filter_map(trial).collect()
     }
 
-    /// Removes what killed processes have left of trials that have their line, and, once every trial has its line, the
-    /// directory with half files in it: before that another process may be writing there.
+    /// Removes the checkpoints of trials that have their line, which killed processes have left. Once every trial has its line, no
+    /// process writes below `unfinished/`, and the directory is removed.
     ///
     /// # Errors
     /// See [`Self::read`].
@@ -187,10 +186,10 @@ impl StudyDir {
         Ok(())
     }
 
-    /// Shows every finished trial once, in no particular order, and returns what is left out.
+    /// Shows `each` every finished trial once, in no particular order, and returns the rest.
     ///
     /// # Errors
-    /// When a line is not one of this study, when `each` says so, or when two lines of one trial differ.
+    /// When a line is not a trial of this study, when `each` fails, or when two lines of one trial differ.
     pub fn read(&self, mut each: impl FnMut(Finished) -> Result<(), String>) -> Result<Omitted, StudyError> {
         let Reader { mut notes, found, others, .. } = self.read_all(&mut each)?;
         if others > 0 {
@@ -251,7 +250,7 @@ struct Reader<'a> {
     files: Vec<PathBuf>,
     study: &'a Study,
     configs: HashMap<&'a str, usize>,
-    /// Where each trial was found first: index of the file, and the line's place in it.
+    /// Where each trial was found first: index of the file, and the line's offset in bytes.
     found: HashMap<(usize, u64), (usize, u64)>,
     notes: Vec<String>,
     /// Trials with other seeds than the study's.
@@ -325,7 +324,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Whether the line at a place is the same; where that is if it is not.
+    /// Checks that the line at a place is the same; otherwise the error names that place.
     fn compare(&self, (file, place): (usize, u64), line: &[u8]) -> Result<(), String> {
         let path = &self.files[file];
         let read = || {
@@ -385,7 +384,7 @@ impl TrialWriter {
         self.file.sync_data()
     }
 
-    /// Makes all trials last.
+    /// Flushes all trials to the disk; removes a file without any.
     pub(super) fn finish(mut self) -> Result<(), StudyError> {
         let result = if self.is_empty { self.directory.remove_file(&self.path) } else { self.sync() };
         result.map_err(|error| StudyError::Write(self.path, error))

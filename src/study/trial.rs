@@ -1,5 +1,5 @@
-//! One trial: a config trained with a seed, and its result. What ends a try without following from config and seed is no
-//! result: such a try is [`Unended`], and the next one resumes it.
+//! One trial: a config trained with a seed, and its result. A try that ends for another reason, such as a signal or a failing
+//! disk, has no result: it is [`Unended`], and the next one resumes it.
 
 use std::io;
 use std::path::Path;
@@ -26,13 +26,12 @@ pub const SCORE_EPISODES: u64 = 100;
 /// Steps that a policy must last where the study asks: 400 s, in which a cart that drifts has left the track.
 pub const LASTING_STEPS: u32 = 20_000;
 
-/// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers of a study need
-/// little of the summary, as another type `S`.
+/// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers need only a part of
+/// the summary and have another type `S` for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)]
 pub struct Trial<S = Value> {
-    /// Name of the config.
     pub config: String,
-    /// Seed of the run.
     pub seed: u64,
     /// How the training diverged; none if it did not.
     pub error: Option<String>,
@@ -43,7 +42,6 @@ pub struct Trial<S = Value> {
     /// Score of the policy at the end; none if the run diverged.
     #[serde(rename = "final")]
     pub final_: Option<PolicyScore>,
-    /// The evaluations during training.
     pub evaluations: Vec<Evaluation>,
 }
 
@@ -56,18 +54,15 @@ pub struct TrialSummary {
 
 /// What a policy gets in [`SCORE_EPISODES`] episodes from [`SCORE_SEED`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)]
 pub struct PolicyScore {
     /// Environment steps of training before it.
     pub env_steps: u64,
-    /// Mean return.
     pub mean: f64,
     /// Population standard deviation of the returns.
     pub std: f64,
-    /// Smallest return.
     pub min: f64,
-    /// Median return.
     pub median: f64,
-    /// Largest return.
     pub max: f64,
     /// Whether the policy [lasts](lasts()) [`LASTING_STEPS`] steps; none where the study does not ask.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -102,12 +97,10 @@ struct TrialHeader {
 /// A try that has not come to its end.
 #[derive(Debug, thiserror::Error)]
 #[error("{config}, seed {seed}: {cause}")]
+#[allow(missing_docs)]
 pub struct Unended {
-    /// Name of the config.
     pub config: String,
-    /// Seed of the run.
     pub seed: u64,
-    /// What ended it.
     pub cause: Cause,
     /// Whether the study keeps a checkpoint of it. Otherwise the next try begins at the first step.
     pub is_kept: bool,
@@ -131,7 +124,7 @@ impl From<EnvironmentError> for Cause {
 }
 
 impl<S> Trial<S> {
-    /// What makes this the line of no trial; none if nothing does.
+    /// Why this is not the line of a trial; none if it is one.
     pub(super) fn problem(&self) -> Option<&'static str> {
         if !self.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
             return Some("its evaluations are not in the order of their steps");
@@ -221,8 +214,8 @@ impl Trial {
     }
 }
 
-/// Collects the evaluations of a run and keeps its newest checkpoint. A program can fail, so its checkpoints are kept when
-/// they are due. Our own environments cannot, and their trials are short: they are kept when they are stopped.
+/// Collects the evaluations of a run and keeps its newest checkpoint. A program can fail, so its trials keep every checkpoint that
+/// is due. The built-in environments cannot, and their trials are short: these keep one when they are stopped.
 struct Keeper<'a> {
     config: &'a Config,
     /// None where nothing is to be kept.
