@@ -134,7 +134,6 @@ function drawPlot(canvas, { right, y: [low, high], curves, band = [], line, loga
 }
 
 const opacity = share => 0.08 + 0.92 * Math.min(share, 1);
-const MAP_ANGLE = 12, MAP_VELOCITY = 2 * 180 / Math.PI;
 
 // The preferences as an image: strongest where the gap is that of 95 % of the map.
 function mapImage(preference) {
@@ -155,31 +154,40 @@ function mapImage(preference) {
   return image;
 }
 
-function drawMap(canvas, image, [, , theta, thetaDot]) {
+// The marks of an axis at round distances.
+function marks([low, high]) {
+  const distance = spacing((high - low) / 2, 3);
+  return Array.from({ length: 9 }, (_, i) => (i - 4) * distance).filter(mark => low <= mark && mark <= high);
+}
+
+function drawMap(canvas, image, state) {
+  const [angle, velocity] = task.map;
+  const share = ({ range: [low, high] }, value) => (value - low) / (high - low);
   const { drawing, width, height } = context(canvas);
   const [left, right, top, bottom] = [46, width - 10, 10, height - 36];
-  const px = degrees => left + (degrees / MAP_ANGLE + 1) / 2 * (right - left);
-  const py = degrees => bottom - (degrees / MAP_VELOCITY + 1) / 2 * (bottom - top);
+  const px = value => left + share(angle, value) * (right - left);
+  const py = value => bottom - share(velocity, value) * (bottom - top);
   if (image) drawing.drawImage(image, left, top, right - left, bottom - top);
   drawing.font = '12px system-ui, sans-serif';
   drawing.fillStyle = drawing.strokeStyle = style('--muted');
   drawing.strokeRect(left, top, right - left, bottom - top);
   drawing.textAlign = 'center';
-  for (const degrees of [-10, -5, 0, 5, 10]) drawing.fillText(`${number(degrees)}°`, px(degrees), bottom + 15);
-  drawing.fillText('pole angle', (left + right) / 2, bottom + 31);
+  for (const mark of marks(angle.range)) drawing.fillText(number(mark) + angle.unit, px(mark), bottom + 15);
+  drawing.fillText(angle.name, (left + right) / 2, bottom + 31);
   drawing.textAlign = 'right';
-  for (const degrees of [-100, -50, 0, 50, 100]) drawing.fillText(number(degrees), left - 5, py(degrees) + 4);
+  for (const mark of marks(velocity.range)) drawing.fillText(number(mark), left - 5, py(mark) + 4);
   drawing.save();
   drawing.translate(12, (top + bottom) / 2);
   drawing.rotate(-Math.PI / 2);
   drawing.textAlign = 'center';
-  drawing.fillText('velocity, °/s', 0, 0);
+  drawing.fillText(`${velocity.name},${velocity.unit}`, 0, 0);
   drawing.restore();
   drawing.beginPath();
   drawing.rect(left, top, right - left, bottom - top);
   drawing.clip();
   drawing.beginPath();
-  drawing.arc(px(theta * 180 / Math.PI), py(thetaDot * 180 / Math.PI), 6, 0, 2 * Math.PI);
+  const [x, y] = task.map.map(axis => axis.factor * state[axis.quantity.coordinate]);
+  drawing.arc(px(x), py(y), 6, 0, 2 * Math.PI);
   drawing.fillStyle = style('--ink');
   drawing.strokeStyle = style('--paper');
   drawing.lineWidth = 2;

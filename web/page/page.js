@@ -1,6 +1,5 @@
 // The page: a worker trains, and this thread plays the policy and draws.
 const element = id => document.getElementById(id);
-const STEPS_PER_SECOND = 50;
 const FALLEN_PAUSE = 0.8;
 const MAP_SIZE = 48;
 
@@ -12,6 +11,8 @@ let module = null;
 let worker = null;
 let workerUrl = null;
 let player = null;
+// What the environment says of itself: limits, threshold, axes of the map.
+let task = null;
 let moduleName = '';
 // Waits for the answer to a pause.
 let patience = 0;
@@ -195,7 +196,7 @@ function playStep() {
   if (episode.push) episode.pushed = { side: episode.push, left: 12 };
   episode.push = 0;
   if (episode.pushed && --episode.pushed.left <= 0) episode.pushed = null;
-  if (episode.moment.terminated) episode.pause = FALLEN_PAUSE * STEPS_PER_SECOND;
+  if (episode.moment.terminated) episode.pause = FALLEN_PAUSE * task.steps_per_second;
 }
 
 function push(side) {
@@ -209,8 +210,8 @@ function push(side) {
 function showEpisode() {
   const { state, action, steps, terminated, q_values: q } = episode.moment;
   drawCart(element('cart'), state, action, episode.pushed?.side ?? 0);
-  const end = Math.abs(state[0]) > 2.4 ? 'The cart left the track' : 'The pole fell';
-  element('standing').textContent = terminated ? `${end} after ${number(steps)} steps.` : `The pole stands: ${number(steps)} steps${steps >= TIME_LIMIT ? ' (an evaluation ends at 500)' : ''}.`;
+  const end = Math.abs(state[0]) > task.max_position ? 'The cart left the track' : 'The pole fell';
+  element('standing').textContent = terminated ? `${end} after ${number(steps)} steps.` : `The pole stands: ${number(steps)} steps${steps >= task.max_steps ? ` (an evaluation ends at ${task.max_steps})` : ''}.`;
   element('gap').textContent = q ? `It expects ${rounded(Math.abs(q[1] - q[0]))} more of the push to the ${action ? 'right' : 'left'}.` : '';
   const largest = Math.max(...(q ?? [1]).map(Math.abs), 1e-9);
   (q ?? [null, null]).forEach((value, i) => {
@@ -225,7 +226,7 @@ let owed = 0;
 function frame(now) {
   requestAnimationFrame(frame);
   // After a pause of the tab it goes on where it was.
-  owed = Math.min(owed + (now - before) / 1000 * STEPS_PER_SECOND, 10);
+  owed = Math.min(owed + (now - before) / 1000 * task.steps_per_second, 10);
   before = now;
   if (!canPlay() || !playing) {
     owed = 0;
@@ -272,7 +273,7 @@ function showPlots() {
   const previous = (run.before ?? []).map(one => [one.env_steps, one.mean]);
   element('before').hidden = !previous.length;
   drawPlot(element('curve'), {
-    right, y: [0, TIME_LIMIT], labels: true, line: { y: SOLVED, text: 'solved' },
+    right, y: task.return_range, labels: true, line: { y: task.solved_return, text: 'solved' },
     band: run.evaluations.map(one => [one.env_steps, one.min, one.max]),
     curves: [
       { points: previous, colour: style('--muted'), dash: [1.5, 3] },
@@ -455,6 +456,7 @@ async function playFile(chosen) {
 async function main() {
   module = await loadModule();
   player = await instantiate(module);
+  task = player.json('task');
   fromFragment(location.hash);
   makeControls();
   setPlaying(playing);

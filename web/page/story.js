@@ -1,6 +1,4 @@
 // What happened in a run, in words: a headline, and then what explains it.
-const SOLVED = 475;
-const TIME_LIMIT = 500;
 
 function story({ config, evaluations, statistics, state, failure, refused }) {
   if (refused) return ['These settings give no run.'];
@@ -29,19 +27,19 @@ function story({ config, evaluations, statistics, state, failure, refused }) {
     const lowest = after.reduce((low, one) => (one.mean < low.mean ? one : low), solved);
     const lines = [
       `Solved after ${number(solved.env_steps)} steps: ${number(solved.episodes)} episodes have a mean return of ${rounded(solved.mean)}.`,
-      'CartPole counts as solved from 475; 500 is the most that an episode can give.',
+      `CartPole counts as solved from ${task.solved_return}; ${task.return_range[1]} is the most that an episode can give.`,
     ];
-    if (lowest.mean < 0.6 * SOLVED) lines.push(`On the way ${returns(lowest)}, the lowest since. It has recovered to ${rounded(latest.mean)}.`);
+    if (lowest.mean < 0.6 * task.solved_return) lines.push(`On the way ${returns(lowest)}, the lowest since. It has recovered to ${rounded(latest.mean)}.`);
     if (state.end === 'lasting') lines.push(`The run has ended, because this policy lasts ${number(config.stop_when_lasting_steps)} steps too.`);
     else if (state.end) lines.push(`The run has ended. The latest evaluation has a mean return of ${rounded(latest.mean)}.`);
     return lines;
   }
   if (state.end) {
-    return [`It has not solved the task in ${steps} steps.`, `At its best ${returns(best)}; 475 would have solved it.`, ...causes(config, statistics.at(-1))];
+    return [`It has not solved the task in ${steps} steps.`, `At its best ${returns(best)}; ${task.solved_return} would have solved it.`, ...causes(config, statistics.at(-1))];
   }
   return [
     `After ${number(latest.env_steps)} steps the pole stands for ${rounded(latest.mean)} steps on average.`,
-    'A policy that pushes at random manages about 22, and 475 solve the task.',
+    `A policy that pushes at random manages about ${Math.round(task.random_return)}, and ${task.solved_return} solve the task.`,
   ];
 }
 
@@ -58,7 +56,7 @@ function causes(config, numbers) {
   const lines = [];
   const gamma = config.gamma;
   // What an episode of full length is worth at its start.
-  const possible = gamma < 1 ? (1 - gamma ** TIME_LIMIT) / (1 - gamma) : TIME_LIMIT;
+  const possible = gamma < 1 ? (1 - gamma ** task.max_steps) / (1 - gamma) : task.max_steps;
   if (numbers?.max_q > 1.3 * possible) {
     lines.push(`It expects a return of ${rounded(numbers.max_q)}, and with γ = ${gamma} no more than ${rounded(possible)} is possible: its Q-values do not mean anything any more.`);
   }

@@ -124,6 +124,12 @@ pub extern "C" fn load() -> bool {
     })
 }
 
+/// What the environment says of itself, as JSON: see [`player::task`].
+#[unsafe(no_mangle)]
+pub extern "C" fn task() -> bool {
+    call(|_, _| player::task())
+}
+
 /// Begins an episode where Gymnasium's `reset(seed=…)` begins it: see [`Player::reset`].
 #[unsafe(no_mangle)]
 pub extern "C" fn reset(seed: u32) -> bool {

@@ -1,6 +1,7 @@
 //! The episode that the page shows.
 
 use cartpole_dqn::agent::{Actor, Greedy};
+use cartpole_dqn::env::catalogue::EnvironmentId;
 use cartpole_dqn::env::{CartPole, Environment, Start};
 use cartpole_dqn::run::{Checkpoint, SavedPolicy};
 use serde_json::json;
@@ -11,8 +12,15 @@ const PUSH: f64 = 0.5;
 /// pole turns about its axle.
 const POLE_RECOIL: f64 = 1.5;
 
-/// Largest pole angle and angular velocity of the map, in rad and rad/s.
-const MAP: (f32, f32) = (CartPole::MAX_ANGLE as f32, 2.0);
+/// The [`Spec`](cartpole_dqn::env::Spec) of CartPole-v1 as JSON, with the mean return of random pushes and the distance from
+/// the middle, in m, at which the track ends.
+pub fn task() -> Result<Vec<u8>, String> {
+    let mut task =
+        serde_json::to_value(EnvironmentId::CartPoleV1.spec()).map_err(|error| error.to_string())?;
+    task["random_return"] = EnvironmentId::CartPoleV1.random_return().into();
+    task["max_position"] = CartPole::MAX_POSITION.into();
+    Ok(task.to_string().into_bytes())
+}
 
 /// A cart and a pole under a greedy policy. No time limit ends the episode.
 pub struct Player {
@@ -85,15 +93,20 @@ impl Player {
         moment.to_string().into_bytes()
     }
 
-    /// The Q-value of a push to the right minus that of a push to the left, for a cart that rests in the middle: `size` ×
-    /// `size` f32, the lowest angular velocity first and in it the leftmost angle.
+    /// The Q-value of a push to the right minus that of a push to the left, for a cart that rests in the middle, over the
+    /// plane of the task's map: `size` × `size` f32, the lowest angular velocity first and in it the leftmost angle.
     pub fn map(&self, size: usize) -> Vec<u8> {
         let size = size.clamp(2, 256);
-        let place = |index: usize| 2.0 * index as f32 / (size - 1) as f32 - 1.0;
-        let row = |velocity: usize| {
-            (0..size).map(move |angle| [0.0, 0.0, place(angle) * MAP.0, place(velocity) * MAP.1])
+        let axes = self.environment.spec().map.iter().flatten();
+        let observation = |cell: usize| {
+            let mut observation = [0.0; 4];
+            for (axis, index) in axes.clone().zip([cell % size, cell / size]) {
+                let (low, high) = axis.range;
+                axis.write(low + (high - low) * index as f64 / (size - 1) as f64, &mut observation);
+            }
+            observation
         };
-        let observations: Vec<[f32; 4]> = (0..size).flat_map(row).collect();
+        let observations: Vec<[f32; 4]> = (0..size * size).map(observation).collect();
         let mut greedy = self.policy.greedy(observations.len());
         greedy.forward_batch(observations.iter().map(|observation| &observation[..]));
         let preference = |sample| (greedy.q_value(sample, 1) - greedy.q_value(sample, 0)) as f32;
