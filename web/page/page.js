@@ -440,9 +440,11 @@ async function copyLink() {
 
 async function playFile(chosen) {
   const previous = file;
-  file = chosen.name;
   try {
-    playPolicy(new Uint8Array(await chosen.arrayBuffer()));
+    const bytes = new Uint8Array(await chosen.arrayBuffer());
+    // Nothing plays while a file is read: there may be no policy yet.
+    file = chosen.name;
+    playPolicy(bytes);
     problem(null);
     element('current').hidden = false;
     // The pole that plays may be far above the place where the file was dropped.
