@@ -381,7 +381,8 @@ impl<'a> Reference<'a> {
         LossOf { value, by_q, by_target }
     }
 
-    /// ∂L/∂θ before anything is done to it, in the order of [`Mlp::parameters`](crate::nn::Mlp::parameters); of the layers from `first` on, 0 before them.
+    /// ∂L/∂θ before anything is done to it, in the order of [`parameters`](crate::nn::Mlp::parameters): of the layers from
+    /// `first` on, 0 before them.
     pub fn raw_gradients(
         &self,
         variant: &Variant,

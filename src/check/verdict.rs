@@ -198,14 +198,6 @@ impl Untried {
     }
 }
 
-/// What the last layer says of a candidate.
-enum FirstLook {
-    RuledOut,
-    Reproduces,
-    /// All layers must be computed, which takes so many products.
-    Open(u64),
-}
-
 struct Search<'a> {
     update: &'a Update,
     reference: Reference<'a>,
@@ -318,12 +310,12 @@ impl Search<'_> {
         self.theirs(stage).is_none_or(|theirs| all_agree(&self.compute(hypothesis, stage), theirs))
     }
 
-    /// Rules out most of the candidates that do not give their numbers, at the price of the last layer.
-    fn first_look(&self, hypothesis: &Hypothesis, stage: Stage) -> FirstLook {
-        let decided = |agrees| if agrees { FirstLook::Reproduces } else { FirstLook::RuledOut };
-        let Some(theirs) = self.theirs(stage) else { return FirstLook::Reproduces };
+    /// Whether a candidate gives their numbers, as far as the last layer tells, which rules out most of those that do not; or
+    /// else how many products it takes to compute all layers.
+    fn first_look(&self, hypothesis: &Hypothesis, stage: Stage) -> Result<bool, u64> {
+        let Some(theirs) = self.theirs(stage) else { return Ok(true) };
         if stage < Stage::Gradients || self.taken_gradients(hypothesis, stage).is_some() {
-            return decided(self.reproduces(hypothesis, stage));
+            return Ok(self.reproduces(hypothesis, stage));
         }
         let variant = &hypothesis.variant;
         let (targets, loss) = self.targets_and_loss(hypothesis);
@@ -343,11 +335,11 @@ impl Search<'_> {
                 _ => all_agree(&gradients[first..], &theirs[first..]),
             };
             if !agrees || (last == 0 && !is_norm) {
-                return decided(agrees);
+                return Ok(agrees);
             }
         }
         let is_known = self.known_gradients(variant, &loss).is_some();
-        FirstLook::Open(if is_known { self.step_work() } else { self.gradient_work(variant) })
+        Err(if is_known { self.step_work() } else { self.gradient_work(variant) })
     }
 
     /// Whether one factor of at most 1 could make theirs of ours. That the norm has an error too is allowed for with more
@@ -416,10 +408,10 @@ impl Search<'_> {
         let mut open = Vec::new();
         for (candidate, look) in looked_at.into_iter().zip(looks) {
             match look {
-                FirstLook::RuledOut => {}
-                FirstLook::Reproduces => open.push((candidate, true)),
-                FirstLook::Open(work) if self.affords(work) => open.push((candidate, false)),
-                FirstLook::Open(_) => untried.push(candidate),
+                Ok(false) => {}
+                Ok(true) => open.push((candidate, true)),
+                Err(work) if self.affords(work) => open.push((candidate, false)),
+                Err(_) => untried.push(candidate),
             }
         }
         left_out.add(&untried);

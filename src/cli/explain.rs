@@ -56,34 +56,35 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let output = |path| Output { option: "--out", path, what: "an update", is_own };
     let output = arguments.out.as_deref().map(output);
     output.as_ref().map_or(Ok(()), Output::check)?;
-    let lesson = explain(&config, arguments.update)?;
+    let explained = explain(&config, arguments.update)?;
     if !output.as_ref().is_some_and(Output::is_standard) {
-        print(&describe(&lesson, arguments))?;
+        print(&describe(&explained, arguments))?;
     }
     if let Some(output) = output {
-        let bytes = lesson.tensors().to_safetensors(Some(lesson.settings().metadata()));
+        let bytes = explained.tensors().to_safetensors(Some(explained.settings().metadata()));
         let bytes = bytes.map_err(|error| Failure::Failed(error.to_string()))?;
         output.write(|file| file.write_all(&bytes))?;
     }
     Ok(())
 }
 
-fn describe(lesson: &ExplainedUpdate, arguments: &Arguments) -> String {
+fn describe(explained: &ExplainedUpdate, arguments: &Arguments) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
-    let _ = head(&mut text, lesson, arguments.update);
-    let size = lesson.targets.len();
+    let _ = head(&mut text, explained, arguments.update);
+    let size = explained.targets.len();
     let shown = if arguments.all { size } else { size.min(SHOWN) };
-    let q = Values::of(lesson);
-    let _ = (0..shown).try_for_each(|sample| transition(&mut text, lesson, &q, sample));
+    let q = Values::of(explained);
+    let _ = (0..shown).try_for_each(|sample| transition(&mut text, explained, &q, sample));
     if shown < size {
         let _ = writeln!(text, "\n     … and {} more; --all shows them", size - shown);
     }
-    let _ = step(&mut text, lesson);
-    let _ = (0..shown).try_for_each(|sample| afterwards(&mut text, lesson, &q, sample));
-    let again: f32 = (0..size).map(|sample| lesson.config.loss.value(q.error_after(lesson, sample))).sum();
+    let _ = step(&mut text, explained);
+    let _ = (0..shown).try_for_each(|sample| afterwards(&mut text, explained, &q, sample));
+    let again: f32 =
+        (0..size).map(|sample| explained.config.loss.value(q.error_after(explained, sample))).sum();
     let again = number(again / size as f32);
-    let _ = writeln!(text, "     loss on the same targets: {again}, before {}", number(lesson.loss));
+    let _ = writeln!(text, "     loss on the same targets: {again}, before {}", number(explained.loss));
     text
 }
 
@@ -96,18 +97,18 @@ struct Values {
 }
 
 impl Values {
-    fn of(lesson: &ExplainedUpdate) -> Self {
-        let (s, next) = (&lesson.minibatch.observations, &lesson.minibatch.next_observations);
+    fn of(explained: &ExplainedUpdate) -> Self {
+        let (s, next) = (&explained.minibatch.observations, &explained.minibatch.next_observations);
         Self {
-            current: q_values(&lesson.before.online.mlp, s),
-            next: q_values(&lesson.before.online.mlp, next),
-            target_of_next: q_values(lesson.target(), next),
-            after: q_values(&lesson.after.online.mlp, s),
+            current: q_values(&explained.before.online.mlp, s),
+            next: q_values(&explained.before.online.mlp, next),
+            target_of_next: q_values(explained.target(), next),
+            after: q_values(&explained.after.online.mlp, s),
         }
     }
 
-    fn error_after(&self, lesson: &ExplainedUpdate, sample: usize) -> f32 {
-        self.after[(sample, usize::from(lesson.minibatch.actions[sample]))] - lesson.targets[sample]
+    fn error_after(&self, explained: &ExplainedUpdate, sample: usize) -> f32 {
+        self.after[(sample, usize::from(explained.minibatch.actions[sample]))] - explained.targets[sample]
     }
 }
 
@@ -118,23 +119,27 @@ fn q_values(network: &Mlp<f32>, observations: &DMatrix<f32>) -> DMatrix<f32> {
     activations.output().clone()
 }
 
-fn head(text: &mut String, lesson: &ExplainedUpdate, update: u64) -> std::fmt::Result {
-    let config = &lesson.config;
-    let sizes: Vec<_> = lesson.before.online.mlp.sizes().iter().map(ToString::to_string).collect();
+fn head(text: &mut String, explained: &ExplainedUpdate, update: u64) -> std::fmt::Result {
+    let config = &explained.config;
+    let sizes: Vec<_> = explained.before.online.mlp.sizes().iter().map(ToString::to_string).collect();
     let target =
-        if lesson.has_target() { "Q⁻ is the target network's" } else { "no target network: Q⁻ is Q" };
-    writeln!(text, "update     {update}, seed {}", lesson.seed)?;
-    writeln!(text, "when       after environment step {}, in episode {}", lesson.env_steps, lesson.episodes)?;
+        if explained.has_target() { "Q⁻ is the target network's" } else { "no target network: Q⁻ is Q" };
+    writeln!(text, "update     {update}, seed {}", explained.seed)?;
+    writeln!(
+        text,
+        "when       after environment step {}, in episode {}",
+        explained.env_steps, explained.episodes
+    )?;
     writeln!(text, "network    {}; {target}", sizes.join("-"))?;
     if config.observation_divisors.is_some() || config.reward_scale != 1.0 {
         writeln!(text, "scales     observations and rewards are shown as the network gets them: scaled")?;
     }
-    let (samples, remembered) = (lesson.targets.len(), lesson.before.replay.len());
+    let (samples, remembered) = (explained.targets.len(), explained.before.replay.len());
     writeln!(text, "minibatch  {samples} of the {remembered} transitions remembered")
 }
 
-fn transition(text: &mut String, lesson: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
-    let batch = &lesson.minibatch;
+fn transition(text: &mut String, explained: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
+    let batch = &explained.minibatch;
     let action = usize::from(batch.actions[sample]);
     let (reward, discount) = (number(batch.rewards[sample]), number(batch.discounts[sample]));
     let end = if batch.terminated[sample] { "; the episode terminated there" } else { "" };
@@ -142,10 +147,10 @@ fn transition(text: &mut String, lesson: &ExplainedUpdate, q: &Values, sample: u
     writeln!(text, "     a  = {action}, r = {reward}")?;
     writeln!(text, "     s′ = {}{end}", row(&batch.next_observations, sample))?;
     writeln!(text, "     Q(s, ·) = {}", row(&q.current, sample))?;
-    let target = number(lesson.targets[sample]);
+    let target = number(explained.targets[sample]);
     if batch.terminated[sample] {
         writeln!(text, "     y = r = {target}")?;
-    } else if lesson.config.double {
+    } else if explained.config.double {
         let best = crate::agent::argmax(&q.next, sample);
         let value = number(q.target_of_next[(sample, best)]);
         writeln!(text, "     Q(s′, ·) = {} is largest for action {best}", row(&q.next, sample))?;
@@ -155,8 +160,8 @@ fn transition(text: &mut String, lesson: &ExplainedUpdate, q: &Values, sample: u
         writeln!(text, "     y = {reward} + {discount} · max{} = {target}", row(&q.target_of_next, sample))?;
     }
     let predicted = q.current[(sample, action)];
-    let td_error = predicted - lesson.targets[sample];
-    let loss = lesson.config.loss;
+    let td_error = predicted - explained.targets[sample];
+    let loss = explained.config.loss;
     let formula = match loss {
         Loss::Mse => "δ²",
         Loss::Huber if td_error.abs() < 1.0 => "½ δ²",
@@ -171,11 +176,11 @@ fn transition(text: &mut String, lesson: &ExplainedUpdate, q: &Values, sample: u
     )
 }
 
-fn step(text: &mut String, lesson: &ExplainedUpdate) -> std::fmt::Result {
-    let (before, after) = (&lesson.before, &lesson.after);
-    writeln!(text, "\nloss       {}, the mean of {}", number(lesson.loss), lesson.targets.len())?;
-    let whole = norm(lesson.gradient.parameters());
-    let is_shortened = lesson.config.optimizer.max_gradient_norm.filter(|max| whole > max * 0.999);
+fn step(text: &mut String, explained: &ExplainedUpdate) -> std::fmt::Result {
+    let (before, after) = (&explained.before, &explained.after);
+    writeln!(text, "\nloss       {}, the mean of {}", number(explained.loss), explained.targets.len())?;
+    let whole = norm(explained.gradient.parameters());
+    let is_shortened = explained.config.optimizer.max_gradient_norm.filter(|max| whole > max * 0.999);
     let shortened =
         is_shortened.map_or(String::new(), |max| format!(", shortened to max_gradient_norm {max}"));
     writeln!(text, "gradient   norm {}{shortened}", number(whole as f32))?;
@@ -195,7 +200,7 @@ fn step(text: &mut String, lesson: &ExplainedUpdate) -> std::fmt::Result {
             text,
             "     layer {}: norms: gradient {}, step {}, weights {}",
             layer + 1,
-            length_of(lesson.gradient.layer(layer)),
+            length_of(explained.gradient.layer(layer)),
             length_of(&moved[start..start + length]),
             length_of(before.online.mlp.layer(layer))
         )?;
@@ -212,15 +217,15 @@ fn step(text: &mut String, lesson: &ExplainedUpdate) -> std::fmt::Result {
     writeln!(text, "\nafter it")
 }
 
-fn afterwards(text: &mut String, lesson: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
-    let action = usize::from(lesson.minibatch.actions[sample]);
-    let before = q.current[(sample, action)] - lesson.targets[sample];
+fn afterwards(text: &mut String, explained: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
+    let action = usize::from(explained.minibatch.actions[sample]);
+    let before = q.current[(sample, action)] - explained.targets[sample];
     writeln!(
         text,
         "{:>4} Q(s, ·) = {}; δ = {}, before {}",
         sample + 1,
         row(&q.after, sample),
-        number(q.error_after(lesson, sample)),
+        number(q.error_after(explained, sample)),
         number(before)
     )
 }
