@@ -48,7 +48,7 @@ pub struct Variant {
     pub decay: Decay,
 }
 
-/// What of the reward is in the target.
+/// The part of the reward that is in the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reward {
     Whole,
@@ -131,7 +131,7 @@ pub enum Clipping {
     EveryTensor,
 }
 
-/// What makes a step of a gradient.
+/// The optimiser that turns a gradient into a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Optimizer {
     Adam,

@@ -21,7 +21,7 @@ const KEPT: usize = 3;
 /// Most parameters of which several threads have gradients at the same time.
 const MAX_PARALLEL: usize = 1 << 22;
 
-/// What is to be said of an update.
+/// The verdict on an update.
 #[derive(Debug, Serialize)]
 pub struct Verdict {
     /// Whether everything given is equal.
@@ -45,7 +45,7 @@ pub struct Verdict {
 pub struct Judged {
     /// Which.
     pub name: Stage,
-    /// What it is, given the mistakes of the quantities before it.
+    /// How it compares, given the mistakes of the quantities before it.
     pub state: QuantityState,
     /// Its largest difference as a share of its largest number; none if it is absent.
     pub largest_relative_difference: Option<f64>,

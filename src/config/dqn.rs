@@ -1,4 +1,4 @@
-//! What is particular to the config of a DQN: its default, and the rules that concern several keys.
+//! The config of a DQN: its default, and the rules between several keys.
 
 use serde_json::json;
 

@@ -51,7 +51,7 @@ const AGENTS: &[&str] = &[DQN, Q_TABLE];
 /// it does not.
 type Rule = (bool, &'static str, Value, String);
 
-/// What is particular to the config of an agent.
+/// What an agent adds to the rules of a config.
 trait AgentRules {
     /// The rules between several of its keys.
     fn rules(&self, _config: &Config) -> Vec<Rule> {

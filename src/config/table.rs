@@ -1,4 +1,4 @@
-//! What is particular to the config of a table: its default, its size, and whether it fits a task.
+//! The config of a table: its default, its size, and whether it fits a task.
 
 use serde_json::json;
 

@@ -22,11 +22,11 @@ use crate::trainer::ResumeError;
 pub const FORMAT_VERSION: u32 = 3;
 /// The one key of the metadata, so that its bytes cannot depend on an order of keys; the value is JSON.
 const METADATA_KEY: &str = "cartpole-dqn";
-/// What stands before the place of a file's own SHA-256 as this program writes it.
+/// The bytes before a file's own SHA-256, as this program writes them.
 const SEAL: &[u8] = br#"\"sha256\":\""#;
 /// How a header begins.
 const START: &str = "{\"format_version\":";
-/// What stands in the place of the SHA-256 while that is computed.
+/// Stands for the SHA-256 while that is computed.
 const NO_SHA256: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 /// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 32;
@@ -200,7 +200,7 @@ impl Checkpoint {
     }
 }
 
-/// Bytes that begin so are no whole safetensors file, for this reason.
+/// The problem of bytes that are no whole safetensors file, and begin like this.
 fn no_safetensors(start: &[u8], reason: String) -> CheckpointProblem {
     foreign_format(start).map_or(CheckpointProblem::NotSafetensors(reason), CheckpointProblem::Foreign)
 }
@@ -237,8 +237,8 @@ fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     }
 }
 
-/// Whether a file is as it was written, as far as its header says. Its SHA-256 is what stands first where its digits
-/// do, whoever has sealed it and with which spaces.
+/// Whether a file is as it was written, as far as its header says. Its SHA-256 stands where its digits occur first in the header:
+/// other programs may seal a file with other spaces.
 fn is_sealed(bytes: &[u8], header_length: usize, header: &str) -> bool {
     let Ok(found) = serde_json::from_str::<Seal>(header) else { return true };
     let Some(sha256) = found.sha256 else { return false };

@@ -20,12 +20,12 @@ use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::text::shown;
 use crate::trainer::{Evaluation, Summary};
 
-/// What is known of a run besides what it trains, which is no part of its result.
+/// Facts about a run that are no part of its result.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// What the config was called that the run was started with.
+    /// The name of the config that the run was started with.
     pub config: String,
-    /// Why it cannot be trained any further, with its config.
+    /// Why the run cannot be trained any further with its config.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failed: Option<String>,
 }
@@ -94,7 +94,7 @@ impl RunDir {
         Ok((run, metrics))
     }
 
-    /// The files of the run in the directory that a new one replaces; none where the directory is free or missing.
+    /// The files of the old run that a new run replaces; none where the directory is free or missing.
     fn replaced(&self, force: bool) -> Result<Vec<PathBuf>, RunError> {
         let path = &self.path;
         let entries = match fs::read_dir(path) {
@@ -124,7 +124,7 @@ impl RunDir {
         }
     }
 
-    /// Locks the metrics, which are made where there are none, and whether they were made.
+    /// Locks the metrics, and makes the file if it is missing; the result says whether it was made.
     fn lock(&self) -> io::Result<(JsonLines, bool)> {
         let directory = self.directory()?;
         loop {
@@ -141,7 +141,7 @@ impl RunDir {
         }
     }
 
-    /// The directory of a run that is there, and the config in it.
+    /// Opens the directory of an existing run; returns it with its config.
     pub fn open(path: &Path) -> Result<(Self, Config), RunError> {
         let run = Self::from(path);
         let config = run.read_config()?;
@@ -169,7 +169,7 @@ impl RunDir {
         Ok((run, config))
     }
 
-    /// The run's metrics; as long as they are there, the directory belongs to this process.
+    /// Opens and locks the metrics: until they are dropped, no other process can change the run.
     pub fn take(&self) -> Result<JsonLines, RunError> {
         let opened = self.directory().and_then(|directory| JsonLines::open(directory, &self.metrics()));
         opened.map_err(|error| match error.kind() {
@@ -178,7 +178,7 @@ impl RunDir {
         })
     }
 
-    /// Keeps other processes from changing the run, as long as the file is there; it need not be writable.
+    /// Keeps other processes from changing the run until the file is dropped. The file need not be writable.
     pub fn share(&self) -> Result<File, RunError> {
         let file = open_ordinary(&self.metrics())
             .map_err(|error| bad(&self.path, format!("cannot be read: {METRICS}: {error}")))?;
@@ -253,7 +253,7 @@ impl RunDir {
         }
     }
 
-    /// Whether an entry is a harmless leftover of a process that was killed before it created a run.
+    /// Whether an entry is a harmless leftover of a process that was killed before it made a run.
     fn is_of_no_run(&self, entry: &DirEntry) -> bool {
         let path = entry.path();
         let is_empty_directory = || fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_none());
@@ -336,7 +336,7 @@ impl RunDir {
         serde_json::from_str(&read_text_limited(&self.about(), MAX_BYTES).ok()?).ok()
     }
 
-    /// Keeps why the run cannot be trained any further, or that it can.
+    /// Records why the run cannot be trained any further, or that it can.
     pub fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
         match self.read_about() {
             Some(about) if about.failed != failed => {

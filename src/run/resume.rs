@@ -26,15 +26,15 @@ pub struct Started {
     pub trainer: Trainer,
     /// Keeps it in its directory.
     pub recorder: Recorder,
-    /// What the user should know though nothing has failed.
+    /// Notes for the user; nothing has failed.
     pub notes: Vec<String>,
 }
 
-/// What there is to do for a run that is to be resumed.
+/// What comes of resuming a run.
 pub enum Resumed {
-    /// To train.
+    /// The run can be trained.
     Run(Box<Started>),
-    /// Nothing: it has ended.
+    /// The run has ended.
     Ended(Box<EndedRun>),
 }
 
@@ -42,15 +42,15 @@ pub enum Resumed {
 pub struct EndedRun {
     /// Its directory.
     pub dir: RunDir,
-    /// Its config, with what was to be set.
+    /// Its config with the given settings.
     pub config: Config,
     /// Why there is nothing to train, for the user.
     pub why: String,
-    /// Whether the settings that were given ask for something that the run does not have.
+    /// Whether the given settings change the run.
     pub is_extended: bool,
-    /// Settings with which it would train on.
+    /// Settings with which it would train further.
     pub sets: Vec<String>,
-    /// Whether it is the run that would train on, and not a new one.
+    /// Whether these settings extend this run; otherwise they need a new run.
     pub can_resume: bool,
 }
 
@@ -272,7 +272,7 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
     }
 }
 
-/// What makes two configs different runs: not when they end, and not the schedules, which a resumed run may change.
+/// The difference that makes two configs different runs. The end and the schedules do not: a resumed run may change them.
 fn other_run(recorded: &Config, given: &Config) -> Option<String> {
     let are_linear =
         [recorded, given].map(|config| matches!(config.agent.exploration(), Exploration::Linear { .. }));

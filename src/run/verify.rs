@@ -1,4 +1,4 @@
-//! What a run and its repetition differ in.
+//! Compares a run with its repetition.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
@@ -27,7 +27,7 @@ pub struct Extent {
     pub lines: u64,
 }
 
-/// What the metrics and the checkpoints of a run and its repetition differ in.
+/// The differences between the metrics and checkpoints of a run and of its repetition.
 pub fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, RunError> {
     let mut differences = Vec::new();
     differences.extend(compare_lines("metrics.jsonl", &run.metrics(), &again.metrics(), extent.lines)?);
@@ -123,7 +123,7 @@ pub fn read_summary(run: &RunDir) -> Result<Value, RunError> {
     Ok(summary)
 }
 
-/// What the summaries differ in, but for the circumstances of the training.
+/// The difference between the summaries, apart from the circumstances of the training.
 pub fn compare_summaries(recorded: Value, repeated: &RunRecord) -> Option<String> {
     let outcome = |mut summary: Value| {
         if let Some(fields) = summary.as_object_mut() {

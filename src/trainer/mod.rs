@@ -84,7 +84,7 @@ pub struct Trainer {
     agent: Box<dyn Agent>,
     progress: Progress,
     best_policy: Option<Policy>,
-    /// Whether an observer has got it.
+    /// Whether an observer has saved it.
     best_is_saved: bool,
     /// Environment steps before the latest checkpoint.
     saved_at: Option<u64>,
@@ -316,7 +316,7 @@ impl Trainer {
         Ok(self)
     }
 
-    /// Says that from here on the run follows other schedules than before, so that no single config repeats it.
+    /// Records that from here on the run follows other schedules, so that no single config repeats it.
     pub fn branch(&mut self) {
         self.progress.branched_at_step = Some(self.progress.env_steps);
     }
