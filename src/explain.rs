@@ -8,12 +8,11 @@ use crate::nn::Mlp;
 use crate::tensors::Tensors;
 use crate::trainer::{Event, TrainError};
 
-/// An update.
+/// An update of a run.
 #[derive(Clone, Debug)]
+#[allow(missing_docs)]
 pub struct ExplainedUpdate {
-    /// The run's seed.
     pub seed: u64,
-    /// The agent's settings.
     pub config: DqnConfig,
     /// The environment step after which it was done.
     pub env_steps: u64,
@@ -21,13 +20,10 @@ pub struct ExplainedUpdate {
     pub episodes: u64,
     /// The agent just before the update, and just after it.
     pub before: Dqn,
-    #[allow(missing_docs)]
     pub after: Dqn,
-    /// What it learned from.
     pub minibatch: Minibatch,
-    /// The TD targets.
+    /// The TD targets, (batch).
     pub targets: Vec<f32>,
-    /// Their loss.
     pub loss: f32,
     /// The gradient as Adam got it.
     pub gradient: Mlp<f32>,

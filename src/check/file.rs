@@ -115,12 +115,12 @@ pub struct Batch {
 
 /// Adam's state.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)]
 pub struct Moments {
     /// Steps done before this update.
     pub steps: u64,
     /// m and v, as networks.
     pub first: Mlp<f64>,
-    #[allow(missing_docs)]
     pub second: Mlp<f64>,
 }
 

@@ -4,13 +4,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::agent::NamedNumbers;
 
-/// Something that happened. No event holds a wall-clock time, so that equal runs write equal files.
+/// Something that happened. No event holds a wall-clock time, so that equal runs write equal files. `env_steps` and `updates`
+/// (gradient steps) count from the start of the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
+#[allow(missing_docs)]
 pub enum Event {
     /// A training episode ended.
     Episode {
-        /// Environment steps of the run so far.
         env_steps: u64,
         /// Number of the episode, from 0.
         episode: u64,
@@ -25,24 +26,18 @@ pub enum Event {
         epsilon: f64,
         /// Mean loss of the learning steps during the episode; null if there were none.
         loss: Option<f64>,
-        /// Gradient steps of the run so far.
         updates: u64,
     },
     /// The greedy policy was evaluated.
     Evaluation {
-        /// Environment steps of the run so far.
         env_steps: u64,
-        /// Evaluation episodes.
+        /// Episodes of the evaluation; the numbers below are of their returns.
         episodes: u64,
-        /// Mean return.
         mean: f64,
         /// Population standard deviation of the returns.
         std: f64,
-        /// Smallest return.
         min: f64,
-        /// Largest return.
         max: f64,
-        /// Mean number of steps.
         mean_length: f64,
         /// Whether none before is better, so that this policy became the best checkpoint.
         best: bool,
@@ -51,23 +46,13 @@ pub enum Event {
     },
     /// What learning looked like from inside at an evaluation, once the replay memory holds anything.
     Statistics {
-        /// Environment steps of the run so far.
         env_steps: u64,
         /// See [`STATISTICS`](crate::agent::STATISTICS).
         #[serde(flatten)]
         numbers: NamedNumbers,
     },
     /// The run ended.
-    End {
-        /// Environment steps of the run.
-        env_steps: u64,
-        /// Complete training episodes.
-        episodes: u64,
-        /// Gradient steps.
-        updates: u64,
-        /// Why.
-        reason: EndReason,
-    },
+    End { env_steps: u64, episodes: u64, updates: u64, reason: EndReason },
 }
 
 impl Event {

@@ -133,28 +133,22 @@ impl Progress {
     }
 }
 
-/// The summary of a run.
+/// The summary of a run. Its counts and evaluations are those of [`Progress`] at the end.
+#[allow(missing_docs)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// The run's seed.
     pub seed: u64,
-    /// Environment steps.
     pub env_steps: u64,
-    /// Complete training episodes.
     pub episodes: u64,
-    /// Gradient steps.
     pub updates: u64,
-    /// Why it ended.
     pub end_reason: EndReason,
     /// The best evaluation, the latest of equals. `best.safetensors` holds its policy.
     pub best_evaluation: Option<Evaluation>,
     /// The evaluation at the end.
     pub final_evaluation: Option<Evaluation>,
-    /// Environment steps before the first evaluation that solved the task.
     pub solved_at_step: Option<u64>,
     /// SHA-256 over the online network's parameters, see `tensors::weights_sha256`.
     pub weights_sha256: String,
-    /// Environment steps after which a resumed run was given other schedules.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub branched_at_step: Option<u64>,
     /// Duration of the training in seconds.
