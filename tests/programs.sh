@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Programs as environments: `tests/programs.sh BINARY BIN`, where BIN is the folder of a python3 with Gymnasium.
+# Programs as environments: `tests/programs.sh BINARY BIN`, where BIN is the directory of a python3 with Gymnasium.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 binary=$(realpath "$1")

@@ -17,7 +17,7 @@ const { values: options } = parseArgs({ options: { binary: { type: 'string' }, m
 if (process.versions.v8 < '11.4') v8.setFlagsFromString('--experimental-wasm-relaxed-simd');
 const root = path.join(__dirname, '../..');
 const instantiate = vm.runInThisContext(`${fs.readFileSync(path.join(root, 'web/page/module.js'), 'utf8')}; instantiate`);
-const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'modules-'));
+const directory = fs.mkdtempSync(path.join(os.tmpdir(), 'modules-'));
 
 // A config each, as short as it can be and still learn.
 const RUNS = [
@@ -29,7 +29,7 @@ const RUNS = [
 // What the program makes of the runs.
 function expected() {
   return RUNS.map(([name, sets], i) => {
-    const out = path.join(folder, String(i));
+    const out = path.join(directory, String(i));
     const arguments_ = ['train', '--quiet', '--config', path.join(root, `configs/${name}.json`), '--out', out];
     execFileSync(path.resolve(options.binary), [...arguments_, ...sets.flatMap(one => ['--set', one])]);
     const last = fs.readFileSync(path.join(out, 'checkpoints/last.safetensors'));
@@ -84,7 +84,7 @@ async function main() {
   const program = expected();
   for (const name of ['relaxed-simd', 'simd128', 'scalar']) await check(name, program);
   await refuses();
-  fs.rmSync(folder, { recursive: true, force: true });
+  fs.rmSync(directory, { recursive: true, force: true });
 }
 
 main().catch(error => {

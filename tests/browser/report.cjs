@@ -19,10 +19,10 @@ const { CHROMIUM, ARGUMENTS, outside, readable } = require('./common.cjs');
 // Names and values that would run a script, load a picture or break out of an element if they were not escaped.
 const HOSTILE_NAME = '<!--<script><img src=x onerror="hacked=1">&\'"';
 const HOSTILE_VALUE = '</script><script>hacked=1</script></title></style><!--{{script}}';
-const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'report-'));
+const directory = fs.mkdtempSync(path.join(os.tmpdir(), 'report-'));
 
 function run(...command) {
-  return execFileSync(path.resolve(options.binary), command, { cwd: folder, encoding: 'utf8' });
+  return execFileSync(path.resolve(options.binary), command, { cwd: directory, encoding: 'utf8' });
 }
 
 // The pages: name -> what they must show.
@@ -31,12 +31,12 @@ function makePages() {
   run('train', '--quiet', '--out', 'default');
   run('train', '--quiet', '--out', 'one', '--seed', '1', ...small);
   run('train', '--quiet', '--out', HOSTILE_NAME, '--seed', '2', ...small);
-  const file = path.join(folder, HOSTILE_NAME, 'config.json');
+  const file = path.join(directory, HOSTILE_NAME, 'config.json');
   const config = JSON.parse(fs.readFileSync(file));
   fs.writeFileSync(file, JSON.stringify({ ...config, loss: HOSTILE_VALUE, [HOSTILE_VALUE]: HOSTILE_NAME }));
   run('study', '--quiet', '--out', 'study', '--seeds', '0..10', '--vary', 'double=false,true', ...small);
-  const manifest = path.join(folder, 'study', 'study.json');
-  const trials = path.join(folder, 'study', 'trials');
+  const manifest = path.join(directory, 'study', 'study.json');
+  const trials = path.join(directory, 'study', 'trials');
   const study = JSON.parse(fs.readFileSync(manifest));
   const second = study.configs[1].name;
   study.configs[1].name = HOSTILE_VALUE;
@@ -49,7 +49,7 @@ function makePages() {
   run('report', 'default', '--html', 'default.html');
   run('report', 'one', HOSTILE_NAME, '--html', 'runs.html');
   run('report', 'study', '--html', 'study.html');
-  assert(fs.statSync(path.join(folder, 'default.html')).size < 1e6, 'the page of a default run has 1 MB');
+  assert(fs.statSync(path.join(directory, 'default.html')).size < 1e6, 'the page of a default run has 1 MB');
   return [
     { name: 'default', plots: 7, policy: true },
     { name: 'runs', plots: 7, policy: true, text: [HOSTILE_NAME, HOSTILE_VALUE] },
@@ -107,7 +107,7 @@ async function check(page, { name, plots, policy, text = [] }, { width, scheme }
   page.on('request', request => request.url().startsWith('file:///') || problems.push(`asks for ${request.url()}`));
   await page.setViewportSize({ width, height: 800 });
   await page.emulateMedia({ colorScheme: scheme });
-  const file = path.join(folder, `${name}.html`);
+  const file = path.join(directory, `${name}.html`);
   await page.goto(`file://${file}`);
   if (options.screenshots) {
     fs.mkdirSync(options.screenshots, { recursive: true });
@@ -146,7 +146,7 @@ async function main() {
   }
   const { chromium } = require('playwright-core');
   const pages = makePages();
-  const profile = path.join(folder, 'profile');
+  const profile = path.join(directory, 'profile');
   const browser = await chromium.launchPersistentContext(profile, { executablePath: CHROMIUM, args: ARGUMENTS });
   try {
     for (const page of pages) {
@@ -159,7 +159,7 @@ async function main() {
     }
   } finally {
     await browser.close();
-    fs.rmSync(folder, { recursive: true, force: true });
+    fs.rmSync(directory, { recursive: true, force: true });
   }
   return 0;
 }

@@ -22,27 +22,27 @@ parser.add_argument("--binary", type=pathlib.Path, required=True, help="the cart
 binary = parser.parse_args().binary.resolve()
 
 
-def run(folder, *arguments):
-    subprocess.run([binary, *map(str, arguments)], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+def run(directory, *arguments):
+    subprocess.run([binary, *map(str, arguments)], cwd=directory, check=True, stdout=subprocess.DEVNULL)
 
 
-def submit(client, folder):
-    job = Job(folder)
+def submit(client, directory):
+    job = Job(directory)
     for shard in range(SHARDS):
         env = {"HQ_TASK_ID": str(shard), "CARTPOLE_DQN": str(binary)}
-        job.program([str(SCRIPT), "many", str(SHARDS)], env=env, cwd=str(folder))
+        job.program([str(SCRIPT), "many", str(SHARDS)], env=env, cwd=str(directory))
     return client.submit(job)
 
 
 with tempfile.TemporaryDirectory() as path:
-    folder = pathlib.Path(path)
+    directory = pathlib.Path(path)
     for study in ["many", "one"]:
-        run(folder, "study", "--set", "budget.steps=3000", "--seeds", "0..60", "--out", study, "--plan", "--quiet")
+        run(directory, "study", "--set", "budget.steps=3000", "--seeds", "0..60", "--out", study, "--plan", "--quiet")
     with LocalCluster() as cluster:
         for _ in range(2):
             cluster.start_worker(WorkerConfig(cores=1))
         client = cluster.client()
-        submitted = submit(client, folder)
+        submitted = submit(client, directory)
         # A task that dies of a signal fails, and the same submission runs what is left.
         killed = None
         while killed is None:
@@ -51,10 +51,10 @@ with tempfile.TemporaryDirectory() as path:
         subprocess.run(["kill", "-KILL", killed], check=True)
         failed = not client.wait_for_jobs([submitted], raise_on_error=False)
         assert failed, "the task that was killed did not fail"
-        assert client.wait_for_jobs([submit(client, folder)], raise_on_error=False), "a task failed"
-    run(folder, "study", "one", "--quiet")
+        assert client.wait_for_jobs([submit(client, directory)], raise_on_error=False), "a task failed"
+    run(directory, "study", "one", "--quiet")
     for study in ["many", "one"]:
-        run(folder, "report", study, "--out", f"{study}-report", "--json")
-    reports = [(folder / f"{study}-report/report.json").read_bytes() for study in ["many", "one"]]
+        run(directory, "report", study, "--out", f"{study}-report", "--json")
+    reports = [(directory / f"{study}-report/report.json").read_bytes() for study in ["many", "one"]]
     assert reports[0] == reports[1], "another report than that of one process"
     print(f"HyperQueue: {SHARDS} shards on two workers, one task killed and submitted again; the report is that of one process")

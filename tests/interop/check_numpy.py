@@ -85,7 +85,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--binary", required=True)
     binary = parser.parse_args().binary
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as directory:
         for dtype in (np.float32, np.float64):
             for mistake in [None, *MISTAKES]:
                 rng = np.random.default_rng(len(mistake or ""))
@@ -94,7 +94,7 @@ def main():
                 online, target, first = random(0.3), random(0.3), random(0.01)
                 adam = (20, first, [m * m + dtype(1e-6) for m in first])
                 batch = random_batch(rng, 32, 4, 2, dtype)
-                path = str(pathlib.Path(folder) / "update.safetensors")
+                path = str(pathlib.Path(directory) / "update.safetensors")
                 results = update(batch, online, target, adam, mistake)
                 save_update(path, online, target, adam, batch, results, gamma=GAMMA, learning_rate=ALPHA)
                 code, found = verdict(binary, path)

@@ -81,8 +81,8 @@ def variants(schema):
     yield {"target": {"every_steps": 5, "every_episodes": 5}}
 
 
-def program_accepts(binary, config, folder):
-    file = Path(folder) / "config.json"
+def program_accepts(binary, config, directory):
+    file = Path(directory) / "config.json"
     file.write_text(json.dumps(config))
     result = subprocess.run([binary, "config", "show", "--config", file], capture_output=True, text=True)
     if result.returncode not in (0, 2):
@@ -116,14 +116,14 @@ def main():
 
     verdicts = {True: 0, False: 0}
     seen = set()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as directory:
         for config in variants(schema):
             text = json.dumps(config, sort_keys=True)
             if text in seen:
                 continue
             seen.add(text)
             valid = validator.is_valid(config)
-            accepted, message = program_accepts(binary, config, folder)
+            accepted, message = program_accepts(binary, config, directory)
             if valid != accepted and not (valid and binds_several_keys(message)):
                 sys.exit(f"FAILED: {text}: the schema says {valid}, the program {accepted} {message}")
             verdicts[valid] += 1

@@ -85,8 +85,8 @@ def close(ours, theirs, tolerance=TOLERANCE):
 
 
 def run_eval(arguments):
-    with tempfile.TemporaryDirectory() as folder:
-        trace_path = Path(folder) / "trace.jsonl"
+    with tempfile.TemporaryDirectory() as directory:
+        trace_path = Path(directory) / "trace.jsonl"
         command = [arguments.binary, "eval", "--checkpoint", arguments.checkpoint, "--episodes", arguments.episodes]
         command += ["--seed", arguments.seed, "--json", "--trace", trace_path]
         run = subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, check=False)

@@ -37,8 +37,8 @@ def snippets():
     return found
 
 
-class Folder:
-    """A folder with a default run in runs/mine, and a run of a table in runs/table."""
+class RunDirectory:
+    """A directory with a default run in runs/mine, and a run of a table in runs/table."""
 
     def __init__(self, binary, path):
         self.binary, self.path = Path(binary).resolve(), Path(path)
@@ -63,24 +63,24 @@ class Folder:
 
 
 def prints_the_mean(episodes, run="runs/mine"):
-    def check(folder, printed):
-        mean = folder.mean(run, episodes)
+    def check(directory, printed):
+        mean = directory.mean(run, episodes)
         require(abs(float(printed) - mean) < 5, f"mean return {printed}, eval's is {mean}")
         return f"mean return {float(printed)}, eval's is {mean}"
 
     return check
 
 
-def prints_the_q_values(folder, printed):
+def prints_the_q_values(directory, printed):
     values = np.array([float(number) for number in re.findall(r"-?\d+\.\d+(?:e-?\d+)?", printed)])
-    ours = folder.q_values()
+    ours = directory.q_values()
     require(np.allclose(values, ours, rtol=1e-3, atol=1e-3), f"Q-values {values}, not {ours}")
     return f"Q-values {values}"
 
 
 def leaves_a_policy(least_mean):
-    def check(folder, _):
-        mean = folder.mean("policy.safetensors", "100")
+    def check(directory, _):
+        mean = directory.mean("policy.safetensors", "100")
         require(mean >= least_mean, f"eval's mean return of the policy is {mean}, expected at least {least_mean}")
         return f"eval's mean return {mean}"
 
@@ -118,18 +118,18 @@ def main():
     arguments = parser.parse_args()
     codes = snippets()
     with tempfile.TemporaryDirectory() as path:
-        folder = Folder(arguments.binary, path)
+        directory = RunDirectory(arguments.binary, path)
         for name, code in codes.items():
             needs_torch, check = CHECKS[name]
             if needs_torch and not arguments.all:
                 print(f"{name}: NOT RUN, it needs PyTorch; --all runs it")
                 continue
             begin = time.monotonic()
-            path_with_program = f"{folder.binary.parent}{os.pathsep}{os.environ['PATH']}"
+            path_with_program = f"{directory.binary.parent}{os.pathsep}{os.environ['PATH']}"
             result = subprocess.run([sys.executable, "-c", code], cwd=path, capture_output=True, text=True,
                                     env=os.environ | {"PATH": path_with_program})
             require(result.returncode == 0, f"{name}: {result.stderr}")
-            print(f"{name}: {check(folder, result.stdout)} ({time.monotonic() - begin:.1f} s)")
+            print(f"{name}: {check(directory, result.stdout)} ({time.monotonic() - begin:.1f} s)")
 
 
 if __name__ == "__main__":

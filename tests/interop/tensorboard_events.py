@@ -73,7 +73,7 @@ def expected(tag, events, config):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="the folder of a run that has just ended")
+    parser.add_argument("run", type=Path, help="the directory of a run that has just ended")
     run = parser.parse_args().run
     events = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
     config = json.loads((run / "config.json").read_text())
