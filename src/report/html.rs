@@ -12,7 +12,7 @@ use super::run::{self, Run};
 use super::study::ReadStudy;
 use super::svg::{DARK, escaped};
 use super::text::{self, Table};
-use super::{Kind, ReportError, parse, plots};
+use super::{ReportError, is_study, parse, plots};
 use crate::config::{Config, Setting};
 use crate::run::checkpoint_of;
 use crate::run::names::{CONFIG, SUMMARY};
@@ -34,14 +34,14 @@ pub fn is_page(start: &[u8]) -> bool {
 /// # Errors
 /// When a directory is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
 pub fn page(directories: &[PathBuf]) -> Result<String, ReportError> {
-    let kinds = directories.iter().map(|directory| Kind::of(directory)).collect::<Result<Vec<_>, _>>()?;
-    let study = directories.iter().zip(kinds).find(|(_, kind)| matches!(kind, Kind::Study));
-    match (study, directories) {
-        (Some((study, _)), [_]) => study_page(study),
-        (Some((study, _)), _) => {
-            Err(ReportError::new(study, "is a study; a page shows either one study or several runs"))
-        }
+    let kinds = directories.iter().map(|directory| is_study(directory)).collect::<Result<Vec<_>, _>>()?;
+    match (kinds.iter().position(|is_study| *is_study), directories) {
         (None, _) => runs_page(directories),
+        (Some(_), [study]) => study_page(study),
+        (Some(i), _) => Err(ReportError::new(
+            &directories[i],
+            "is a study; a page shows either one study or several runs",
+        )),
     }
 }
 

@@ -71,32 +71,25 @@ impl ReportError {
     }
 }
 
-/// What a directory holds.
-enum Kind {
-    Study,
-    Run,
-}
-
-impl Kind {
-    fn of(directory: &Path) -> Result<Self, ReportError> {
-        let found = directory.metadata().map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound => {
-                ReportError::new(directory, "there is no such directory; give that of a study or of a run")
-            }
-            _ => ReportError::unreadable(directory, &error),
-        })?;
-        if !found.is_dir() {
-            return Err(ReportError::new(directory, "is a file; give the directory of a study or of a run"));
+/// Whether a directory holds a study; otherwise it holds a run.
+fn is_study(directory: &Path) -> Result<bool, ReportError> {
+    let found = directory.metadata().map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => {
+            ReportError::new(directory, "there is no such directory; give that of a study or of a run")
         }
-        for (name, kind) in [(MANIFEST, Self::Study), (METRICS, Self::Run)] {
-            let path = directory.join(name);
-            if path.try_exists().map_err(|error| ReportError::unreadable(&path, &error))? {
-                return Ok(kind);
-            }
-        }
-        let problem = format!("is neither a study (it has no {MANIFEST}) nor a run (it has no {})", METRICS);
-        Err(ReportError::new(directory, problem))
+        _ => ReportError::unreadable(directory, &error),
+    })?;
+    if !found.is_dir() {
+        return Err(ReportError::new(directory, "is a file; give the directory of a study or of a run"));
     }
+    for (name, is_study) in [(MANIFEST, true), (METRICS, false)] {
+        let path = directory.join(name);
+        if path.try_exists().map_err(|error| ReportError::unreadable(&path, &error))? {
+            return Ok(is_study);
+        }
+    }
+    let problem = format!("is neither a study (it has no {MANIFEST}) nor a run (it has no {METRICS})");
+    Err(ReportError::new(directory, problem))
 }
 
 impl Report {
@@ -105,10 +98,7 @@ impl Report {
     /// # Errors
     /// When it is neither, nothing has been finished in it, or a file in it is damaged.
     pub fn of(directory: &Path) -> Result<Self, ReportError> {
-        match Kind::of(directory)? {
-            Kind::Study => study::report(directory),
-            Kind::Run => run::report(directory),
-        }
+        if is_study(directory)? { study::report(directory) } else { run::report(directory) }
     }
 }
 

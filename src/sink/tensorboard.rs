@@ -68,12 +68,16 @@ impl TensorBoard {
         Ok(sink)
     }
 
-    fn write_scalars(&mut self, step: u64, scalars: &[(&str, f64)]) -> io::Result<()> {
+    fn write_scalars(
+        &mut self,
+        step: u64,
+        scalars: impl IntoIterator<Item = (impl AsRef<str>, f64)>,
+    ) -> io::Result<()> {
         let mut summary = Vec::new();
         for (tag, value) in scalars {
             let mut scalar = Vec::new();
-            put_bytes(&mut scalar, 1, tag.as_bytes());
-            put_float(&mut scalar, 2, *value as f32);
+            put_bytes(&mut scalar, 1, tag.as_ref().as_bytes());
+            put_float(&mut scalar, 2, value as f32);
             put_bytes(&mut summary, 1, &scalar);
         }
         let mut event = Vec::new();
@@ -119,7 +123,7 @@ impl Observer for TensorBoard {
                 ];
                 scalars.extend(loss.map(|loss| ("train/loss", loss)));
                 scalars.extend(self.steps_per_second(env_steps).map(|fps| ("time/fps", fps)));
-                self.write_scalars(env_steps, &scalars)
+                self.write_scalars(env_steps, scalars)
             }
             Event::Evaluation { env_steps, mean, std, min, max, mean_length, .. } => {
                 let scalars = [
@@ -129,15 +133,12 @@ impl Observer for TensorBoard {
                     ("eval/min_reward", *min),
                     ("eval/max_reward", *max),
                 ];
-                self.write_scalars(*env_steps, &scalars)?;
+                self.write_scalars(*env_steps, scalars)?;
                 self.file.flush()
             }
             Event::Statistics { env_steps, numbers } => {
-                let tags: Vec<String> =
-                    numbers.0.iter().map(|(name, _)| format!("diagnostics/{name}")).collect();
-                let scalars: Vec<_> =
-                    tags.iter().zip(&numbers.0).map(|(tag, (_, number))| (tag.as_str(), *number)).collect();
-                self.write_scalars(*env_steps, &scalars)?;
+                let scalar = |(name, number): &(String, f64)| (format!("diagnostics/{name}"), *number);
+                self.write_scalars(*env_steps, numbers.0.iter().map(scalar))?;
                 self.file.flush()
             }
             Event::End { .. } => self.file.flush(),
