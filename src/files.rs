@@ -20,11 +20,14 @@ const SUFFIX: &str = ".tmp";
 ///
 /// # Errors
 /// Any failure on the way, that of `write` included; a file that was there before then still is.
-pub fn write_whole(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+pub fn write_whole<E: From<io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
+) -> Result<(), E> {
     if path.metadata().is_ok_and(|found| !found.is_file()) {
         let mut device = BufWriter::new(File::options().write(true).open(path)?);
         write(&mut device)?;
-        return device.flush();
+        return Ok(device.flush()?);
     }
     let path = &path.canonicalize().unwrap_or_else(|_| path.to_owned());
     // A missing directory is told here: the error of a file in it names one that nobody knows.
@@ -38,12 +41,12 @@ impl Directory {
     ///
     /// # Errors
     /// See [`write_whole`]; and where the file is a link or reached through one.
-    pub fn write_whole(
+    pub fn write_whole<E: From<io::Error>>(
         &self,
         path: &Path,
         kept: Option<&Path>,
-        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-    ) -> io::Result<()> {
+        write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
+    ) -> Result<(), E> {
         for path in [Some(path), kept].into_iter().flatten() {
             self.refuse_link(path)?;
         }
@@ -58,7 +61,7 @@ impl Directory {
             _ => {}
         }
         self.rename(&unfinished.path, path)?;
-        self.sync_names(path)
+        Ok(self.sync_names(path)?)
     }
 
     /// Writes a value whole as indented JSON.

@@ -1,6 +1,5 @@
 //! `cartpole-dqn check`
 
-use std::fmt::Write;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -13,11 +12,10 @@ use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::{
     EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, UpdateError, Verdict, check_with,
 };
-use crate::text::shown;
+use crate::nn::Loss;
+use crate::text::{COLUMNS, lines, shown};
 
-/// Columns of the text.
-const WIDTH: usize = 80;
-/// Columns before it: where the names of the quantities stand.
+/// Columns in which the names of the quantities stand.
 const INDENT: usize = 11;
 /// How long a check shows no progress.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -29,7 +27,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 /// is equal, 1 if something differs.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn check update.safetensors")]
-pub(super) struct Arguments {
+pub(super) struct CheckArguments {
     /// The update, a .safetensors file; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
@@ -46,14 +44,14 @@ impl From<UpdateError> for Failure {
 
 /// What --json prints.
 #[derive(Serialize)]
-struct Record<'a> {
+struct PrintedVerdict<'a> {
     file: String,
     settings: Settings,
     #[serde(flatten)]
     verdict: &'a Verdict,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     let (file, update) = if is_standard_input(&arguments.file) {
         let file = PathBuf::from("standard input");
         let update = Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, &file)?;
@@ -64,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let verdict = check_in_view(&update);
     if arguments.json {
         let file = shown(&file);
-        print_json(&Record { file, settings: update.settings, verdict: &verdict })?;
+        print_json(&PrintedVerdict { file, settings: update.settings, verdict: &verdict })?;
     } else {
         print(&describe(&shown(&file), &update, &verdict))?;
     }
@@ -106,26 +104,23 @@ fn summary(verdict: &Verdict) -> String {
 }
 
 fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
-    let mut text = String::new();
+    let mut text = format!("{:<INDENT$}{file}\n", "file");
     let sizes: Vec<_> = update.online.sizes().iter().map(ToString::to_string).collect();
     let float = if update.rounding_unit > 1e-10 { "f32" } else { "f64" };
     let networks = if update.target.is_some() { "with a target network" } else { "no target network" };
     let batch = update.batch.rewards.len();
-    put(&mut text, "file", file);
     put(&mut text, "update", &format!("layers {}, {networks}, batch of {batch}, {float}", sizes.join("-")));
     put(&mut text, "settings", &settings(update));
     for quantity in &verdict.quantities {
         let name = quantity.name.name();
         put(&mut text, name, &state(quantity, verdict));
-        if let Some(explanation) = verdict.explanations.first() {
-            explanation
-                .iter()
-                .filter(|explained| explained.quantity == quantity.name)
-                .for_each(|explained| put_mistake(&mut text, explained));
+        let explanation = verdict.explanations.first().into_iter().flatten();
+        for explained in explanation.filter(|explained| explained.quantity == quantity.name) {
+            put_mistake(&mut text, explained);
         }
     }
     for other in verdict.explanations.iter().skip(1) {
-        let names: Vec<_> = other.iter().map(|explained| explained.mistake.what.to_owned()).collect();
+        let names: Vec<_> = other.iter().map(|explained| explained.mistake.what).collect();
         put(&mut text, "or", &format!("these numbers are as well explained by: {}", names.join(" AND ")));
     }
     if let Some(form) = verdict.norm_clipping {
@@ -135,14 +130,9 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         put(&mut text, "not tried", &not_tried(verdict));
     }
     if !verdict.not_visible.is_empty() {
-        put(
-            &mut text,
-            "not seen",
-            &format!(
-                "the numbers of this update would be the same with these mistakes: {}",
-                verdict.not_visible.join(", ")
-            ),
-        );
+        let mistakes = verdict.not_visible.join(", ");
+        let what = "the numbers of this update would be the same with these mistakes";
+        put(&mut text, "not seen", &format!("{what}: {mistakes}"));
     }
     text
 }
@@ -160,24 +150,16 @@ fn not_tried(verdict: &Verdict) -> String {
 }
 
 fn settings(update: &Update) -> String {
-    let Settings {
-        gamma,
-        loss,
-        double,
-        learning_rate,
-        beta1,
-        beta2,
-        epsilon,
-        epsilon_place,
-        max_gradient_norm,
-    } = update.settings;
-    let loss = match loss {
-        crate::nn::Loss::Mse => "mse",
-        crate::nn::Loss::Huber => "huber",
+    let Settings { gamma, learning_rate, beta1, beta2, epsilon, .. } = update.settings;
+    let loss = match update.settings.loss {
+        Loss::Mse => "mse",
+        Loss::Huber => "huber",
     };
-    let double = if double { "double, " } else { "" };
-    let norm = max_gradient_norm.map_or(String::new(), |norm| format!(", max_gradient_norm {norm}"));
-    let place = if epsilon_place == EpsilonPlace::TensorFlow { " in TensorFlow's place" } else { "" };
+    let double = if update.settings.double { "double, " } else { "" };
+    let norm = update.settings.max_gradient_norm;
+    let norm = norm.map_or(String::new(), |norm| format!(", max_gradient_norm {norm}"));
+    let is_tensorflow = update.settings.epsilon_place == EpsilonPlace::TensorFlow;
+    let place = if is_tensorflow { " in TensorFlow's place" } else { "" };
     let step = update.adam.steps + 1;
     format!(
         "gamma {gamma}, loss {loss}, {double}Adam step {step} with learning_rate {learning_rate}, beta1 {beta1}, \
@@ -197,21 +179,18 @@ fn state(quantity: &Judged, verdict: &Verdict) -> String {
         1 => String::new(),
         numbers => format!(", {} of {numbers}", quantity.differing),
     };
+    let difference = format!("(largest relative difference {difference:.1e})");
     match quantity.state {
         QuantityState::Absent => "absent".into(),
-        QuantityState::Equal => format!("equal{given} (largest relative difference {difference:.1e})"),
-        QuantityState::Explained => {
-            format!("DIFFERENT{given}{differing} (largest relative difference {difference:.1e})")
+        QuantityState::Equal => format!("equal{given} {difference}"),
+        QuantityState::Explained => format!("DIFFERENT{given}{differing} {difference}"),
+        QuantityState::Different => {
+            format!("DIFFERENT{given}{differing} {difference}, and no known mistake gives these numbers")
         }
-        QuantityState::Different => format!(
-            "DIFFERENT{given}{differing} (largest relative difference {difference:.1e}), and no known mistake gives \
-             these numbers"
-        ),
     }
 }
 
-fn put_mistake(text: &mut String, explained: &Explained) {
-    let Explained { mistake, reported_only, .. } = explained;
+fn put_mistake(text: &mut String, Explained { mistake, reported_only, .. }: &Explained) {
     put(text, "  what", mistake.what);
     if *reported_only {
         put(text, "", "only this number has it: what follows is computed without it");
@@ -220,20 +199,8 @@ fn put_mistake(text: &mut String, explained: &Explained) {
     put(text, "  mend", mistake.mend);
 }
 
-/// Adds a paragraph with its name before it, broken at spaces.
+/// Adds a paragraph with its name before it.
 fn put(text: &mut String, name: &str, paragraph: &str) {
-    let mut line = format!("{name:<INDENT$}");
-    let mut is_empty = true;
-    for word in paragraph.split(' ') {
-        if !is_empty && line.chars().count() + 1 + word.chars().count() > WIDTH {
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "{}", line.trim_end());
-            line = " ".repeat(INDENT);
-            is_empty = true;
-        }
-        line += if is_empty { "" } else { " " };
-        line += word;
-        is_empty = false;
-    }
-    let _ = writeln!(text, "{}", line.trim_end());
+    let margin = format!("\n{:INDENT$}", "");
+    *text += &format!("{name:<INDENT$}{}\n", lines(paragraph, COLUMNS - INDENT).join(&margin));
 }

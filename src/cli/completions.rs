@@ -20,12 +20,12 @@ Examples, each a line for the file that the shell reads when it starts:
   bash, ~/.bashrc:                   source <(cartpole-dqn completions bash)
   zsh,  ~/.zshrc, after `compinit`:  source <(cartpole-dqn completions zsh)
   fish, ~/.config/fish/config.fish:  cartpole-dqn completions fish | source")]
-pub(super) struct Arguments {
+pub(super) struct CompletionsArguments {
     /// The shell
     shell: Shell,
 }
 
-pub(super) fn run(arguments: &Arguments, mut root: Command) -> Result<(), Failure> {
+pub(super) fn run(arguments: &CompletionsArguments, mut root: Command) -> Result<(), Failure> {
     let script = match arguments.shell {
         Shell::Bash => include_str!("completions/cartpole-dqn.bash").into(),
         Shell::Zsh => include_str!("completions/cartpole-dqn.zsh").into(),
@@ -65,98 +65,53 @@ pub(super) fn run_words(arguments: &Words, mut root: Command) -> Result<(), Fail
 type Candidate = (String, String);
 
 fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
-    let place = Place::after(root, before);
-    let mut all = match place.option {
-        Some(option) => values(option, word),
-        None if word.starts_with('-') && !place.only_positionals => match word.split_once('=') {
-            Some((name, value)) => {
-                let option = place.command.get_arguments().find(|arg| is_named(arg, name));
-                let values = option.map_or_else(Vec::new, |option| values(option, value));
-                let with_name = |(value, help): Candidate| match is_request(&value) {
-                    true => (value, help),
-                    false => (format!("{name}={value}"), help),
-                };
-                values.into_iter().map(with_name).collect()
-            }
-            None => place.options(),
-        },
-        None => {
-            let positional = place.positional();
-            let commands = place.command.get_subcommands().filter(|command| !command.is_hide_set());
-            let about = |command: &Command| first_line(command.get_about());
-            let commands = commands.map(|command| (command.get_name().to_owned(), about(command)));
-            let mut all: Vec<Candidate> = commands.collect();
-            all.extend(positional.into_iter().flat_map(|positional| values(positional, word)));
-            if all.is_empty() { place.options() } else { all }
+    let (mut command, mut waiting) = (root, None);
+    for &word in before {
+        if waiting.take().is_none() {
+            let is_complete = |option: &Arg| !option.get_action().takes_values() || word.contains('=');
+            waiting = named(command, word).filter(|option| !is_complete(option));
+            command = command.find_subcommand(word).unwrap_or(command);
+        }
+    }
+    let mut all = match word.split_once('=') {
+        _ if waiting.is_some() => waiting.map_or_else(Vec::new, |option| values(option, word)),
+        Some((name, value)) if word.starts_with('-') => {
+            let values = named(command, name).map_or_else(Vec::new, |option| values(option, value));
+            let with_name = |(value, help): Candidate| match is_request(&value) {
+                true => (value, help),
+                false => (format!("{name}={value}"), help),
+            };
+            values.into_iter().map(with_name).collect()
+        }
+        _ if word.starts_with('-') => options(command, before),
+        _ => {
+            let commands = command.get_subcommands().filter(|command| !command.is_hide_set());
+            let about = |command: &Command| (command.get_name().into(), first_line(command.get_about()));
+            let positional = command.get_positionals().next();
+            let values = positional.map_or_else(Vec::new, |positional| values(positional, word));
+            let all: Vec<Candidate> = commands.map(about).chain(values).collect();
+            if all.is_empty() { options(command, before) } else { all }
         }
     };
     all.retain(|(value, _)| value.starts_with(word) || is_request(value));
     all
 }
 
-/// Where a word stands.
-struct Place<'a> {
-    command: &'a Command,
-    /// The option whose value it is.
-    option: Option<&'a Arg>,
-    /// The options that were given.
-    given: Vec<&'a Arg>,
-    /// How many positional arguments stand before it.
-    positionals: usize,
-    /// Whether there was a `--`.
-    only_positionals: bool,
-}
-
-impl<'a> Place<'a> {
-    fn after(root: &'a Command, words: &[&str]) -> Self {
-        let mut place =
-            Self { command: root, option: None, given: Vec::new(), positionals: 0, only_positionals: false };
-        for &word in words {
-            if place.option.take().is_some() {
-                continue;
-            }
-            if word == "--" && !place.only_positionals {
-                place.only_positionals = true;
-            } else if word.len() > 1 && word.starts_with('-') && !place.only_positionals {
-                let (name, has_value) = word.split_once('=').map_or((word, false), |(name, _)| (name, true));
-                let Some(option) = place.command.get_arguments().find(|arg| is_named(arg, name)) else {
-                    continue;
-                };
-                place.given.push(option);
-                place.option = Some(option).filter(|option| option.get_action().takes_values() && !has_value);
-            } else if let Some(command) = place.command.find_subcommand(word) {
-                (place.command, place.given, place.positionals) = (command, Vec::new(), 0);
-            } else {
-                place.positionals += 1;
-            }
-        }
-        place
-    }
-
-    /// The positional argument that comes next. Only the last takes many values.
-    fn positional(&self) -> Option<&'a Arg> {
-        let positionals: Vec<&Arg> = self.command.get_positionals().collect();
-        let takes_many = |arg: &&&Arg| matches!(arg.get_action(), ArgAction::Append);
-        positionals.get(self.positionals).or(positionals.last().filter(takes_many)).copied()
-    }
-
-    /// The options that can still be given.
-    fn options(&self) -> Vec<Candidate> {
-        let may_be_given =
-            |arg: &&Arg| matches!(arg.get_action(), ArgAction::Append) || !self.given.contains(arg);
-        let options = self.command.get_arguments().filter(|arg| !arg.is_hide_set()).filter(may_be_given);
-        options
-            .filter_map(|arg| Some((format!("--{}", arg.get_long()?), first_line(arg.get_help()))))
-            .collect()
-    }
-}
-
-/// Whether the argument is the option of this name, `--name` or `-n`.
-fn is_named(arg: &Arg, name: &str) -> bool {
-    match name.strip_prefix("--") {
+/// The option that a word names: `--name`, `--name=value` or `-n`.
+fn named<'a>(command: &'a Command, word: &str) -> Option<&'a Arg> {
+    let name = word.split('=').next()?;
+    command.get_arguments().find(|arg| match name.strip_prefix("--") {
         Some(long) => arg.get_long() == Some(long),
         None => arg.get_short().is_some_and(|short| name.strip_prefix('-') == Some(&short.to_string())),
-    }
+    })
+}
+
+/// The options that can still be given.
+fn options(command: &Command, before: &[&str]) -> Vec<Candidate> {
+    let given: Vec<_> = before.iter().filter_map(|word| named(command, word)).collect();
+    let is_free = |arg: &&Arg| matches!(arg.get_action(), ArgAction::Append) || !given.contains(arg);
+    let options = command.get_arguments().filter(|arg| !arg.is_hide_set()).filter(is_free);
+    options.filter_map(|arg| Some((format!("--{}", arg.get_long()?), first_line(arg.get_help())))).collect()
 }
 
 /// What may be the value of an argument and begins with `word`.

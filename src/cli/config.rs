@@ -1,7 +1,5 @@
 //! `cartpole-dqn config`
 
-use std::fmt::Write;
-
 use clap::{Args, Subcommand};
 
 use super::layers::Layers;
@@ -10,13 +8,13 @@ use crate::config::{Config, Setting, schema};
 
 /// Explain configs: print every key with its meaning, or the JSON Schema.
 #[derive(Debug, Args)]
-pub(super) struct Arguments {
+pub(super) struct ConfigArguments {
     #[command(subcommand)]
-    command: Command,
+    command: ConfigCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+enum ConfigCommand {
     Show(Show),
     /// Print the JSON Schema of config files, with which editors complete and check them.
     #[command(after_help = "Example: cartpole-dqn config schema > configs/schema.json")]
@@ -36,13 +34,13 @@ struct Show {
     json: bool,
 }
 
-pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: ConfigArguments) -> Result<(), Failure> {
     match arguments.command {
-        Command::Show(Show { layers, json }) => {
+        ConfigCommand::Show(Show { layers, json }) => {
             let config = layers.resolve()?;
             if json { print_json(&config) } else { print(&describe(&config)) }
         }
-        Command::Schema => {
+        ConfigCommand::Schema => {
             let schema = serde_json::to_string_pretty(&schema());
             print(&(schema.map_err(|error| Failure::Failed(error.to_string()))? + "\n"))
         }
@@ -50,10 +48,8 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
 }
 
 fn describe(config: &Config) -> String {
-    let mut text = String::new();
-    for Setting { path, value, default, meaning, allowed } in config.settings() {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{path}={value}\n    {meaning}\n    default: {default}; allowed: {allowed}");
-    }
-    text
+    let line = |Setting { path, value, default, meaning, allowed }| {
+        format!("{path}={value}\n    {meaning}\n    default: {default}; allowed: {allowed}\n")
+    };
+    config.settings().into_iter().map(line).collect()
 }

@@ -6,14 +6,15 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use serde_json::json;
 
-use super::output::Output;
+use super::output::{Output, WriteError};
 use super::permission::AllowCommand;
-use super::policy::{DEFAULT_ENVIRONMENT, Found, Place};
+use super::policy::{DEFAULT_ENVIRONMENT, LocatedPolicy, PolicyArguments};
 use super::ui::{Failure, print, print_json};
 use crate::agent::{Actor, Played, Random};
 use crate::config::EnvironmentConfig;
-use crate::env::{EnvironmentError, Make, Outcome, Spec};
+use crate::env::{Make, Outcome, Spec};
 use crate::rng::Rng;
 use crate::run::{SavedPolicy, final_evaluation};
 use crate::text::{shown, visible};
@@ -28,9 +29,9 @@ const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 /// environment does after reset(seed = SEED + i), so every score can be repeated there.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn eval runs/my-run --episodes 100 --min-mean 475")]
-pub(super) struct Arguments {
+pub(super) struct EvalArguments {
     #[command(flatten)]
-    place: Place,
+    place: PolicyArguments,
     #[command(flatten)]
     allow: AllowCommand,
     /// Play a policy that needs no checkpoint
@@ -69,22 +70,6 @@ enum Baseline {
     Random,
 }
 
-#[derive(Serialize)]
-struct Report<'a> {
-    policy: &'a Origin,
-    episodes: u64,
-    seed: u64,
-    max_steps: u64,
-    mean: f64,
-    std: f64,
-    min: f64,
-    median: f64,
-    max: f64,
-    /// None where nothing can be said of it: see [`Task::is_solved_by`].
-    solved: Option<bool>,
-    returns: &'a [f64],
-}
-
 /// Which policy was played.
 #[derive(Default, Serialize)]
 struct Origin {
@@ -119,14 +104,12 @@ fn finite(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "expected a finite number".into())
 }
 
-pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
-    if arguments.seed.checked_add(arguments.episodes - 1).is_none() {
-        return Err(Failure::BadInput(format!(
-            "--seed {} + --episodes {} is beyond the largest seed, {}",
-            arguments.seed,
-            arguments.episodes,
-            u64::MAX
-        )));
+pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
+    let EvalArguments { seed, episodes, .. } = arguments;
+    if seed.checked_add(episodes - 1).is_none() {
+        let most = u64::MAX;
+        let problem = format!("--seed {seed} + --episodes {episodes} is beyond the largest seed, {most}");
+        return Err(Failure::BadInput(problem));
     }
     let trace = arguments.trace.as_deref().map(|path| Output {
         option: "--trace",
@@ -146,7 +129,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
         Some(Baseline::Random) => {
             let environment = arguments.place.environment.unwrap_or(DEFAULT_ENVIRONMENT);
             let task = Task::new(&EnvironmentConfig::Named(environment), &arguments)?;
-            let mut policy = Random::new(task.spec.num_actions, Rng::from_seed(arguments.seed));
+            let mut policy = Random::new(task.spec.num_actions, Rng::from_seed(seed));
             let origin = Origin { kind: "random", ..Origin::default() };
             let played = play_all(&mut policy, &task, &arguments, trace.as_ref())?;
             (origin, task, played)
@@ -156,20 +139,25 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
             let policy = found.policy()?;
             let task = Task::new(&found.playable(arguments.allow, false)?, &arguments)?;
             let played = match &trace {
-                None => Some(task.evaluate(&policy, &arguments)?),
+                None => Some(evaluate(&policy.policy, &*task.make, task.max_steps, seed, episodes, 1.0)?),
                 Some(_) => play_all(&mut policy.greedy(1), &task, &arguments, trace.as_ref())?,
             };
             (Origin::new(&found, &policy), task, played)
         }
     };
-    // Who read the trace wants no more of it, and no score either.
+    // Whoever read the trace wants no more of it, and no score either.
     let Some(played) = played else { return Ok(()) };
     // Without a discount that is the return of the whole episode.
     let returns: Vec<f64> = played.iter().map(|episode| episode.discounted).collect();
     let score = Score::new(&returns);
     let solved = task.is_solved_by(&played);
     if arguments.json {
-        print_json(&report(&origin, &score, &returns, solved, &task, &arguments))?;
+        let Score { episodes, mean, std, min, median, max } = score;
+        print_json(&json!({
+            "policy": origin, "episodes": episodes, "seed": arguments.seed, "max_steps": task.max_steps,
+            "mean": mean, "std": std, "min": min, "median": median, "max": max,
+            "solved": solved, "returns": returns,
+        }))?;
     } else if !arguments.quiet {
         let text = origin.describe() + &describe(&score, &played, solved, &task, &arguments);
         if trace_to_stdout {
@@ -188,7 +176,7 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
 }
 
 impl Origin {
-    fn new(found: &Found, policy: &SavedPolicy) -> Self {
+    fn new(found: &LocatedPolicy, policy: &SavedPolicy) -> Self {
         let played = Self {
             kind: "other",
             file: Some(found.file.to_string_lossy().into_owned()),
@@ -214,13 +202,10 @@ impl Origin {
     fn describe(&self) -> String {
         let mut text = match self.env_steps {
             Some(step) => {
+                // The last policy of a run can be some steps younger than its latest evaluation.
+                let at = |steps| if steps == step { String::new() } else { format!(" at step {steps}") };
                 let evaluation = self.evaluation.map_or_else(String::new, |evaluation| {
-                    // The last policy of a run can be some steps younger than its latest evaluation.
-                    let at = match evaluation.env_steps {
-                        evaluated if evaluated == step => String::new(),
-                        evaluated => format!(" at step {evaluated}"),
-                    };
-                    format!(", evaluated in training{at}: {:.2}", evaluation.mean)
+                    format!(", evaluated in training{}: {:.2}", at(evaluation.env_steps), evaluation.mean)
                 });
                 format!("policy         {} of its run, step {step}{evaluation}\n", self.kind)
             }
@@ -232,9 +217,10 @@ impl Origin {
         }
         if let Some((end, file)) = &self.end {
             let (mean, step) = (end.mean, end.env_steps);
-            text +=
-                &format!("not played     last of its run, step {step}, evaluated in training: {mean:.2}\n");
-            text += &format!("               {}\n", shown(file));
+            text += &format!(
+                "not played     last of its run, step {step}, evaluated in training: {mean:.2}\n               {}\n",
+                shown(file)
+            );
         }
         text
     }
@@ -248,16 +234,11 @@ struct Task {
 }
 
 impl Task {
-    fn new(environment: &EnvironmentConfig, arguments: &Arguments) -> Result<Self, Failure> {
+    fn new(environment: &EnvironmentConfig, arguments: &EvalArguments) -> Result<Self, Failure> {
         let spec = environment.spec()?;
         // The largest limit that the option takes is far below.
         let typed = arguments.max_steps.map(|steps| u32::try_from(steps).unwrap_or(u32::MAX));
         Ok(Self { make: environment.make(), max_steps: typed.unwrap_or(spec.max_steps), spec })
-    }
-
-    fn evaluate(&self, policy: &SavedPolicy, arguments: &Arguments) -> Result<Vec<Played>, Failure> {
-        let Arguments { seed, episodes, .. } = *arguments;
-        Ok(evaluate(&policy.policy, &*self.make, self.max_steps, seed, episodes, 1.0)?)
     }
 
     /// Whether the episodes solve the task; none for fewer than 100 of them, for episodes that were cut off before the task's own
@@ -270,54 +251,34 @@ impl Task {
     }
 }
 
-/// Why an episode ended early.
-#[derive(Debug, thiserror::Error)]
-enum PlayError {
-    #[error(transparent)]
-    Environment(#[from] EnvironmentError),
-    #[error(transparent)]
-    Trace(#[from] io::Error),
-}
-
 /// Plays one episode after another, and writes the trace if one is asked for; none if nobody reads it any longer.
 fn play_all(
     actor: &mut impl Actor,
     task: &Task,
-    arguments: &Arguments,
+    arguments: &EvalArguments,
     trace: Option<&Output<'_>>,
 ) -> Result<Option<Vec<Played>>, Failure> {
     let mut played = Vec::new();
-    let mut failed = None;
-    let mut play = |file: &mut dyn Write| -> io::Result<()> {
+    let mut play = |file: &mut dyn Write| -> Result<(), WriteError> {
         for episode in 0..arguments.episodes {
-            match trace_episode(actor, task, arguments, episode, file) {
-                Ok(episode) => played.push(episode),
-                Err(PlayError::Trace(error)) => return Err(error),
-                Err(PlayError::Environment(error)) => {
-                    failed = Some(error.clone());
-                    return Err(io::Error::other(error));
-                }
-            }
+            played.push(trace_episode(actor, task, arguments, episode, file)?);
         }
         Ok(())
     };
     let is_read = match trace {
-        None => play(&mut io::sink()).map(|()| true).map_err(|error| Failure::Failed(error.to_string())),
-        Some(trace) => trace.write(play),
+        None => play(&mut io::sink()).map(|()| true)?,
+        Some(trace) => trace.write(play)?,
     };
-    match failed {
-        Some(error) => Err(error.into()),
-        None => Ok(is_read?.then_some(played)),
-    }
+    Ok(is_read.then_some(played))
 }
 
 fn trace_episode(
     actor: &mut impl Actor,
     task: &Task,
-    arguments: &Arguments,
+    arguments: &EvalArguments,
     episode: u64,
     file: &mut dyn Write,
-) -> Result<Played, PlayError> {
+) -> Result<Played, WriteError> {
     let seed = arguments.seed + episode;
     let mut environment = (task.make)(task.max_steps)?;
     let mut played = Played::default();
@@ -341,22 +302,9 @@ fn trace_episode(
             q_values,
             ..TraceLine::default()
         });
-        Ok::<_, PlayError>(true)
+        Ok::<_, WriteError>(true)
     })?;
     Ok(played)
-}
-
-fn report<'a>(
-    policy: &'a Origin,
-    score: &Score,
-    returns: &'a [f64],
-    solved: Option<bool>,
-    task: &Task,
-    arguments: &Arguments,
-) -> Report<'a> {
-    let (seed, max_steps) = (arguments.seed, u64::from(task.max_steps));
-    let Score { episodes, mean, std, min, median, max } = *score;
-    Report { policy, episodes, seed, max_steps, mean, std, min, median, max, solved, returns }
 }
 
 fn describe(
@@ -364,28 +312,23 @@ fn describe(
     played: &[Played],
     solved: Option<bool>,
     task: &Task,
-    arguments: &Arguments,
+    arguments: &EvalArguments,
 ) -> String {
     let Score { episodes, mean, std, .. } = score;
     let [min, median, max] =
         [score.min, score.median, score.max].map(|value| (value * 100.0).round() / 100.0);
     let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
-    let (seed, max_steps, task) = (arguments.seed, u64::from(task.max_steps), &task.spec);
-    let full = played.iter().filter(|episode| episode.steps >= max_steps).count();
+    let (seed, max_steps, task) = (arguments.seed, task.max_steps, &task.spec);
+    let full = played.iter().filter(|episode| episode.steps >= u64::from(max_steps)).count();
     let full = full as f64 * 100.0 / *episodes as f64;
-    let own_limit = u64::from(task.max_steps);
-    let verdict = match solved {
-        Some(true) => "yes",
-        Some(false) => "no",
-        None => "open",
-    };
+    let verdict = solved.map_or("open", |solved| if solved { "yes" } else { "no" });
     let solved = match task.solved_return {
         Some(_) => format!("{verdict} (a mean {} over at least 100 episodes)", task.goal()),
         None => format!("{verdict} ({} has no threshold)", task.id),
     };
-    let judged = match max_steps == own_limit {
-        true => String::new(),
-        false => format!("\n               episodes count up to step {own_limit}, where {} ends", task.id),
+    let judged = match task.max_steps {
+        own if own == max_steps => String::new(),
+        own => format!("\n               episodes count up to step {own}, where {} ends", task.id),
     };
     format!(
         "\

@@ -24,7 +24,7 @@ const SHOWN: usize = 3;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn explain --config configs/tutorial.json --update 40
          cartpole-dqn explain --update 1000 --out update.safetensors")]
-pub(super) struct Arguments {
+pub(super) struct ExplainArguments {
     #[command(flatten)]
     layers: Layers,
     /// Number of the update, a step of Adam; the first is 1
@@ -49,7 +49,7 @@ impl From<ExplainError> for Failure {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &ExplainArguments) -> Result<(), Failure> {
     let mut config = arguments.layers.resolve()?;
     ask_task(&mut config, false)?;
     let is_own = |start: &[u8]| start.get(8..).is_some_and(|start| start.starts_with(START));
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn describe(explained: &ExplainedUpdate, arguments: &Arguments) -> String {
+fn describe(explained: &ExplainedUpdate, arguments: &ExplainArguments) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail.
     let _ = head(&mut text, explained, arguments.update);
@@ -184,14 +184,8 @@ fn step(text: &mut String, explained: &ExplainedUpdate) -> std::fmt::Result {
     let shortened =
         is_shortened.map_or(String::new(), |max| format!(", shortened to max_gradient_norm {max}"));
     writeln!(text, "gradient   norm {}{shortened}", number(whole as f32))?;
-    let moved: Vec<f32> = after
-        .online
-        .mlp
-        .parameters()
-        .iter()
-        .zip(before.online.mlp.parameters())
-        .map(|(a, b)| a - b)
-        .collect();
+    let weights = after.online.mlp.parameters().iter().zip(before.online.mlp.parameters());
+    let moved: Vec<f32> = weights.map(|(after, before)| after - before).collect();
     let length_of = |values: &[f32]| number(norm(values) as f32);
     let mut start = 0;
     for layer in 0..before.online.mlp.num_layers() {

@@ -17,7 +17,7 @@ const DEPTH: usize = 5;
 
 /// What there is below a directory.
 #[derive(Default)]
-pub(super) struct Found {
+pub(super) struct FoundRuns {
     pub(super) runs: Vec<PathBuf>,
     pub(super) unreadable: Vec<(PathBuf, io::Error)>,
 }
@@ -39,7 +39,7 @@ pub(super) fn newest_with_policy(directory: &Path) -> Result<PathBuf, Failure> {
 }
 
 /// The runs below a directory, the newest first; of equally new ones first the one whose name is last.
-pub(super) fn find(directory: &Path) -> Result<Found, Failure> {
+pub(super) fn find(directory: &Path) -> Result<FoundRuns, Failure> {
     if !directory.is_dir() {
         let problem = if directory.exists() { "is not a directory" } else { "does not exist" };
         return Err(Failure::BadInput(format!(
@@ -48,7 +48,7 @@ pub(super) fn find(directory: &Path) -> Result<Found, Failure> {
             program()
         )));
     }
-    let mut found = Found::default();
+    let mut found = FoundRuns::default();
     search(directory, DEPTH, &mut found);
     if let [(path, error)] = &found.unreadable[..]
         && path == directory
@@ -60,7 +60,7 @@ pub(super) fn find(directory: &Path) -> Result<Found, Failure> {
 }
 
 /// A run is a directory with at least two of the entries that `train` makes. What is in a run is not searched.
-fn search(directory: &Path, depth: usize, found: &mut Found) {
+fn search(directory: &Path, depth: usize, found: &mut FoundRuns) {
     let mut inner = Vec::new();
     let mut parts = 0;
     let entries = fs::read_dir(directory).and_then(|entries| {

@@ -1,11 +1,10 @@
 //! `cartpole-dqn inspect`
 
 use std::fmt::Write;
-use std::path::Path;
 
 use clap::Args;
 
-use super::policy::{Found, Place};
+use super::policy::PolicyArguments;
 use super::ui::{Failure, print};
 use crate::agent::Policy;
 use crate::env::Spec;
@@ -13,34 +12,29 @@ use crate::run::{
     Checkpoint, CheckpointError, CheckpointProblem, Header, config_of_checkpoint, final_evaluation,
 };
 use crate::text::{shown, visible};
+use crate::trainer::Evaluation;
 
 /// Print what is in a checkpoint: of which step it is, how it was evaluated, its policy and the hash of its weights.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn inspect runs/my-run/checkpoints/last.safetensors")]
-pub(super) struct Arguments {
+pub(super) struct InspectArguments {
     #[command(flatten)]
-    place: Place,
+    place: PolicyArguments,
     /// Print every tensor and the run's config too
     #[arg(long)]
     all: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &InspectArguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
     let mut text = describe(&found.checkpoint, &found.spec()?, arguments.all)
         .map_err(|problem| CheckpointError { path: found.file.clone(), problem })?;
-    if let Some(last) = not_shown(&found) {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "not shown   {}", shown(&last));
+    // The last checkpoint of a run of which the best is described.
+    let last = final_evaluation(&found.file).map(|(_, last)| last);
+    if let Some(last) = last.filter(|last| last.is_file() && *last != found.file) {
+        text += &format!("not shown   {}\n", shown(&last));
     }
     print(&format!("file        {}\n{text}", shown(&found.file)))
-}
-
-/// The last checkpoint of a run of which the best is described.
-fn not_shown(found: &Found) -> Option<std::path::PathBuf> {
-    let (_, last) = final_evaluation(&found.file)?;
-    let is_other = |path: &Path| path.is_file() && path != found.file;
-    is_other(&last).then_some(last)
 }
 
 fn describe(checkpoint: &Checkpoint, task: &Spec, all: bool) -> Result<String, CheckpointProblem> {
@@ -83,12 +77,8 @@ fn describe_header(text: &mut String, header: &Header, version: Option<u32>) -> 
     };
     writeln!(text, "format      cartpole-dqn version {}: {what}", version.unwrap_or_default())?;
     writeln!(text, "step        {} of the run (seed {})", header.env_steps, header.config.seed)?;
-    match header.evaluation {
-        Some(evaluation) => {
-            writeln!(text, "evaluation  mean return {:.2} at step {}", evaluation.mean, evaluation.env_steps)
-        }
-        None => writeln!(text, "evaluation  none yet"),
-    }
+    let mean = |Evaluation { mean, env_steps }| format!("mean return {mean:.2} at step {env_steps}");
+    writeln!(text, "evaluation  {}", header.evaluation.map_or_else(|| "none yet".into(), mean))
 }
 
 fn describe_policy(text: &mut String, checkpoint: &Checkpoint, policy: &Policy) -> std::fmt::Result {

@@ -23,6 +23,7 @@ mod ui;
 mod variations;
 mod verify;
 mod watch;
+#[cfg(feature = "web")]
 mod web;
 
 use std::path::Path;
@@ -39,27 +40,28 @@ use ui::{Failure, escaped, say};
 /// Exit codes: 0 done; 1 tried and failed, or below --min-mean; 2 wrong usage or bad input; 130 or 143 stopped by a signal.
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 80)]
-struct Arguments {
+struct CommandLine {
     #[command(subcommand)]
     command: Command,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Train(train::Arguments),
-    Eval(eval::Arguments),
-    Inspect(inspect::Arguments),
+    Train(train::TrainArguments),
+    Eval(eval::EvalArguments),
+    Inspect(inspect::InspectArguments),
     Runs(runs::Arguments),
-    Watch(watch::Arguments),
-    Render(render::Arguments),
-    Study(study::Arguments),
-    Report(report::Arguments),
-    Verify(verify::Arguments),
-    Check(check::Arguments),
-    Explain(explain::Arguments),
-    Config(config::Arguments),
-    Web(web::Arguments),
-    Completions(completions::Arguments),
+    Watch(watch::WatchArguments),
+    Render(render::RenderArguments),
+    Study(study::StudyArguments),
+    Report(report::ReportArguments),
+    Verify(verify::VerifyArguments),
+    Check(check::CheckArguments),
+    Explain(explain::ExplainArguments),
+    Config(config::ConfigArguments),
+    #[cfg(feature = "web")]
+    Web(web::WebArguments),
+    Completions(completions::CompletionsArguments),
     // A name that no slip of the keyboard is similar to, so that it is never suggested.
     #[command(name = "__words", hide = true)]
     CompleteWords(completions::Words),
@@ -67,11 +69,12 @@ enum Command {
 
 /// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
-    let result = match Arguments::try_parse() {
+    let typed: Vec<_> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    let result = match CommandLine::try_parse() {
         Ok(arguments) => execute(arguments.command),
-        Err(error) => match what_is_wrong(&error) {
+        Err(error) => match what_is_wrong(&error, &typed) {
             Some(message) => Err(Failure::BadInput(message)),
-            None => return print_usage(with_tip(error)),
+            None => return print_usage(with_tip(error, &typed)),
         },
     };
     let Err(failure) = result else { return ExitCode::SUCCESS };
@@ -90,7 +93,8 @@ pub fn run() -> ExitCode {
 
 fn execute(command: Command) -> Result<(), Failure> {
     kernels::InstructionSet::from_environment().map_err(|error| Failure::BadInput(error.to_string()))?;
-    signals::watch()?;
+    signals::watch()
+        .map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))?;
     match command {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
@@ -104,40 +108,35 @@ fn execute(command: Command) -> Result<(), Failure> {
         Command::Check(arguments) => check::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Config(arguments) => config::run(arguments),
+        #[cfg(feature = "web")]
         Command::Web(arguments) => web::run(&arguments),
-        Command::Completions(arguments) => completions::run(&arguments, Arguments::command()),
-        Command::CompleteWords(arguments) => completions::run_words(&arguments, Arguments::command()),
+        Command::Completions(arguments) => completions::run(&arguments, CommandLine::command()),
+        Command::CompleteWords(arguments) => completions::run_words(&arguments, CommandLine::command()),
     }
 }
 
 /// What is wrong with the command line, where this program knows more about it than clap.
-fn what_is_wrong(error: &clap::Error) -> Option<String> {
+fn what_is_wrong(error: &clap::Error, arguments: &[String]) -> Option<String> {
     let not_utf8 = || std::env::args_os().find(|argument| argument.to_str().is_none());
     if error.kind() == ErrorKind::InvalidUtf8
         && let Some(argument) = not_utf8()
     {
         return Some(format!("the argument {argument:?} is not valid UTF-8; only paths may be so"));
     }
-    let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
-    flags::key_for_option(error, &Arguments::command(), &arguments.collect::<Vec<_>>())
+    flags::key_for_option(error, &CommandLine::command(), arguments)
 }
 
 /// An error of usage, with what the user may have meant where clap finds nothing.
-fn with_tip(mut error: clap::Error) -> clap::Error {
-    let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
-    let root = Arguments::command();
-    let (_, command) = flags::command_of(&root, &arguments.collect::<Vec<_>>());
+fn with_tip(mut error: clap::Error, arguments: &[String]) -> clap::Error {
+    let root = CommandLine::command();
+    let (_, command) = flags::command_of(&root, arguments);
     let is_unknown = error.kind() == ErrorKind::UnknownArgument;
     if flags::has_option(command, "set") && is_unknown && error.get(ContextKind::SuggestedArg).is_none() {
-        let is_directory = match error.get(ContextKind::InvalidArg) {
-            Some(ContextValue::String(argument)) => Path::new(argument).is_dir(),
-            _ => false,
-        };
-        let tip = match (is_directory, flags::has_option(command, "resume")) {
-            (false, _) => "a config file is given as --config FILE, a key of the config as --set KEY=VALUE",
-            (true, true) => "a new run is written to --out DIR; `train --resume DIR` resumes a run",
-            (true, false) if flags::has_option(command, "vary") => "a study is written to --out DIR",
-            (true, false) => "the config of a run is given as --config DIR/config.json",
+        let is_directory = matches!(error.get(ContextKind::InvalidArg),
+            Some(ContextValue::String(argument)) if Path::new(argument).is_dir());
+        let tip = match is_directory && flags::has_option(command, "resume") {
+            true => "a new run is written to --out DIR; `train --resume DIR` resumes a run",
+            false => "a config file is given as --config FILE, a key of the config as --set KEY=VALUE",
         };
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }

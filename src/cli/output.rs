@@ -5,11 +5,33 @@ use std::path::Path;
 
 use super::policy::STANDARD;
 use super::ui::Failure;
+use crate::env::EnvironmentError;
 use crate::files::{open_ordinary, write_whole};
 use crate::text::shown;
 
 /// Bytes at the start of a file that tell what it is.
 const START: u64 = 512;
+
+/// Why an output is not written.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum WriteError {
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    #[error("the program draws nothing: it answered `render` with `no frame`")]
+    NoFrame,
+}
+
+impl From<WriteError> for Failure {
+    fn from(error: WriteError) -> Self {
+        match error {
+            WriteError::Io(error) => Self::Failed(error.to_string()),
+            WriteError::Environment(error) => error.into(),
+            WriteError::NoFrame => Self::BadInput(error.to_string()),
+        }
+    }
+}
 
 /// An output that the user has asked for.
 pub(super) struct Output<'a> {
@@ -33,36 +55,36 @@ impl Output<'_> {
         if self.is_standard() {
             return Ok(());
         }
-        if path.is_dir() {
-            return Err(Failure::BadInput(self.message("it is a directory; give a file")));
-        }
-        // A pipe or a device holds nothing that could be lost.
-        if path.is_file() && !start_of(path).is_ok_and(|start| start.is_empty() || (self.is_own)(&start)) {
-            let problem = format!(
-                "the file that is there is not {}, and would be lost; choose another name",
-                self.what
-            );
-            return Err(Failure::BadInput(self.message(&problem)));
-        }
-        Ok(())
+        let is_own = || start_of(path).is_ok_and(|start| start.is_empty() || (self.is_own)(&start));
+        let problem = match path {
+            _ if path.is_dir() => "it is a directory; give a file".into(),
+            // A pipe or a device holds nothing that could be lost.
+            _ if path.is_file() && !is_own() => {
+                format!("the file that is there is not {}, and would be lost; choose another name", self.what)
+            }
+            _ => return Ok(()),
+        };
+        Err(Failure::BadInput(self.message(&problem)))
     }
 
     /// Writes the output. A reader of standard output that has gone away (`| head`) is no failure: the result is then
     /// false, and there is no use in going on.
-    pub(super) fn write(
+    pub(super) fn write<E: From<io::Error> + Into<WriteError>>(
         &self,
-        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+        write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<bool, Failure> {
         let written = if self.is_standard() {
             let mut stdout = BufWriter::new(io::stdout().lock());
-            write(&mut stdout).and_then(|()| stdout.flush())
+            write(&mut stdout).and_then(|()| Ok(stdout.flush()?))
         } else {
             write_whole(self.path, write)
         };
-        match written {
-            Ok(()) => Ok(true),
-            Err(error) if self.is_standard() && error.kind() == io::ErrorKind::BrokenPipe => Ok(false),
-            Err(error) => Err(Failure::unwritten(self.message(&error.to_string()), &error)),
+        match written.map_err(Into::into) {
+            Err(WriteError::Io(error)) if self.is_standard() && error.kind() == io::ErrorKind::BrokenPipe => {
+                Ok(false)
+            }
+            Err(WriteError::Io(error)) => Err(Failure::unwritten(self.message(&error.to_string()), &error)),
+            other => Ok(other.map(|()| true)?),
         }
     }
 

@@ -16,7 +16,7 @@ pub(super) struct AllowCommand {
 }
 
 impl AllowCommand {
-    /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one. See [`ask_task`] for
+    /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one. See [`allow`] for
     /// `has_view`.
     ///
     /// # Errors
@@ -37,53 +37,45 @@ impl AllowCommand {
         note(&format!(
             "{file} names this program as its environment, and --allow-command starts it: {command}"
         ));
-        environment.allow(if has_view { show_nothing } else { show_line });
+        allow(environment, has_view);
         Ok(())
     }
 }
 
-/// What a command for a run of this config must have behind it.
+/// The extra option that commands on this run need.
 pub(super) fn allowance(config: &Config) -> &'static str {
     if config.environment.command().is_some() { " --allow-command" } else { "" }
 }
 
-/// Allows a config that the user has given to start its program, if it has one, and asks the program for its task. A
-/// full-screen view leaves no place for what the program writes.
+/// Allows an environment that the user has given to start its program, if it has one. A full-screen view leaves no place for
+/// what the program writes.
+pub(super) fn allow(environment: &mut EnvironmentConfig, has_view: bool) {
+    environment.allow(if has_view { |_, _| false } else { show_line });
+}
+
+/// See [`allow`]; and asks the program for its task.
 pub(super) fn ask_task(config: &mut Config, has_view: bool) -> Result<(), Failure> {
-    config.environment.allow(if has_view { show_nothing } else { show_line });
+    allow(&mut config.environment, has_view);
     Ok(config.ask_task()?)
 }
 
 /// The programs of a study: configs with the same one share its processes.
 #[derive(Default)]
-pub(super) struct Programs(Vec<(EnvironmentConfig, EnvironmentConfig)>);
+pub(super) struct SharedPrograms(Vec<(EnvironmentConfig, EnvironmentConfig)>);
 
-impl Programs {
-    /// As [`ask_task`], for one config of many.
-    pub(super) fn ask_task(&mut self, config: &mut Config) -> Result<(), Failure> {
-        let given = config.environment.clone();
-        if let Some((_, asked)) = self.0.iter().find(|(other, _)| *other == given) {
-            config.environment = asked.clone();
-            return Ok(config.ask_task()?);
-        }
-        ask_task(config, false)?;
-        self.0.push((given, config.environment.clone()));
-        Ok(())
-    }
-
-    /// As [`AllowCommand::permit`], for one environment of many.
-    pub(super) fn permit(
+impl SharedPrograms {
+    /// Has `allow` change the first of equal environments, and gives the others what that one became.
+    pub(super) fn share<E>(
         &mut self,
-        allow: AllowCommand,
         environment: &mut EnvironmentConfig,
-        file: &str,
-    ) -> Result<(), String> {
-        let given = environment.clone();
-        if let Some((_, allowed)) = self.0.iter().find(|(other, _)| *other == given) {
+        allow: impl FnOnce(&mut EnvironmentConfig) -> Result<(), E>,
+    ) -> Result<(), E> {
+        if let Some((_, allowed)) = self.0.iter().find(|(given, _)| given == environment) {
             *environment = allowed.clone();
             return Ok(());
         }
-        allow.permit(environment, file, false)?;
+        let given = environment.clone();
+        allow(environment)?;
         self.0.push((given, environment.clone()));
         Ok(())
     }
@@ -96,8 +88,4 @@ fn show_line(program: &str, line: &str) -> bool {
     let erase = if stderr.is_terminal() { "\r\x1b[2K" } else { "" };
     // A closed stderr leaves nobody to tell.
     writeln!(stderr, "{erase}[{}] {}", escaped(program), escaped(line)).is_ok()
-}
-
-fn show_nothing(_: &str, _: &str) -> bool {
-    false
 }

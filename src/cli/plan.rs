@@ -25,9 +25,9 @@ const MAX_SHARDS: f64 = 1000.0;
 ///
 /// # Errors
 /// When the environment of the trial fails.
-pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> Result<String, Failure> {
-    let total = folder.study().total();
-    let (seconds, is_whole) = time_first_trial(folder, stop)?;
+pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result<String, Failure> {
+    let total = dir.study().total();
+    let (seconds, is_whole) = time_first_trial(dir, stop)?;
     let core_seconds = seconds * total as f64;
     let shards = (core_seconds / SHARD_SECONDS).ceil().min(total as f64).clamp(1.0, MAX_SHARDS);
     let (last, least) = (shards - 1.0, if is_whole { "about" } else { "more than" });
@@ -45,19 +45,19 @@ pub(super) fn estimate(folder: &StudyDir, path: &Path, stop: &AtomicBool) -> Res
          GNU parallel  scripts/cluster/parallel.sh {path} {shards}\n\
          this machine  {study}\n\n\
          progress   {study} --status\n",
-        folder.study().configs.len(),
-        folder.study().seeds.end - folder.study().seeds.start,
+        dir.study().configs.len(),
+        dir.study().seeds.end - dir.study().seeds.start,
         hours(core_seconds),
         hours(core_seconds / shards),
     ))
 }
 
 /// Seconds of the first trial, and whether that is all of it.
-fn time_first_trial(folder: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Failure> {
+fn time_first_trial(dir: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Failure> {
     let begin = Instant::now();
     let end_early = AtomicBool::new(false);
     let trial = thread::scope(|scope| {
-        let trial = scope.spawn(|| folder.try_first(&end_early));
+        let trial = scope.spawn(|| dir.try_first(&end_early));
         while !trial.is_finished() && begin.elapsed() < TIMED && !stop.load(Ordering::Relaxed) {
             thread::sleep(POLL_INTERVAL);
         }
@@ -73,10 +73,10 @@ fn time_first_trial(folder: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool),
 }
 
 /// How many trials of each config are done, missing and failed.
-pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
-    let study = folder.study();
+pub(super) fn status(dir: &StudyDir) -> Result<String, Failure> {
+    let study = dir.study();
     let mut counts = vec![(0, 0); study.configs.len()];
-    let Omitted { notes, last_tries } = folder.read(|Finished { config, trial }| {
+    let Omitted { notes, last_tries } = dir.read(|Finished { config, trial }| {
         let (done, failed) = &mut counts[config];
         *done += 1;
         *failed += u64::from(trial.error.is_some());
@@ -84,18 +84,16 @@ pub(super) fn status(folder: &StudyDir) -> Result<String, Failure> {
     })?;
     notes.iter().for_each(|text| note(text));
     let seeds = study.seeds.end - study.seeds.start;
-    let row = |number: String, name: &str, done: u64, missing: u64, failed: u64| {
-        vec![number, name.into(), done.to_string(), missing.to_string(), failed.to_string()]
+    let row = |number: String, name: &str, (done, failed): (u64, u64), seeds: u64| {
+        vec![number, name.into(), done.to_string(), (seeds - done).to_string(), failed.to_string()]
     };
     let mut rows = vec![["", "config", "done", "missing", "failed"].map(String::from).to_vec()];
     let names: Vec<&str> = study.configs.iter().map(|named| named.name.as_str()).collect();
     let labels = labels(&names, NAME);
-    for (i, (label, &(done, failed))) in labels.iter().zip(&counts).enumerate() {
-        rows.push(row(i.to_string(), label, done, seeds - done, failed));
-    }
-    let sum = |of: fn(&(u64, u64)) -> u64| counts.iter().map(of).sum::<u64>();
-    let (done, failed) = (sum(|count| count.0), sum(|count| count.1));
-    rows.push(row(String::new(), "all", done, study.total() - done, failed));
+    let numbered = labels.iter().zip(&counts).enumerate();
+    rows.extend(numbered.map(|(i, (label, &count))| row(i.to_string(), label, count, seeds)));
+    let all = counts.iter().fold((0, 0), |all, count| (all.0 + count.0, all.1 + count.1));
+    rows.push(row(String::new(), "all", all, study.total()));
     let names = legend(labels.iter().map(String::as_str).zip(names));
     Ok(names + &table(&rows) + &report::describe_last_tries(study, last_tries))
 }

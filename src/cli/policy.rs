@@ -1,6 +1,6 @@
 //! The policy that a command plays or describes: what the user typed, or the newest run.
 
-use std::io::{self, BufRead, BufReader, IsTerminal, Read};
+use std::io::{self, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -12,9 +12,7 @@ use super::ui::{Failure, note};
 use crate::config::EnvironmentConfig;
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{Environment, Spec};
-use crate::files::open_ordinary;
 use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, SavedPolicy, checkpoint_of};
-use crate::study::Trial;
 use crate::tensors::TensorError;
 use crate::text::shown;
 
@@ -36,12 +34,10 @@ pub(super) fn standard_input(example: &str) -> Result<io::StdinLock<'static>, Fa
 
 /// The environment where nothing says another one.
 pub(super) const DEFAULT_ENVIRONMENT: EnvironmentId = EnvironmentId::CartPoleV1;
-/// Longest line that could be a study's trial, in bytes.
-const MAX_TRIAL: u64 = 1 << 26;
 
 /// Where a command finds its policy.
 #[derive(Debug, Args)]
-pub(super) struct Place {
+pub(super) struct PolicyArguments {
     /// A run (its best policy, else its last), a checkpoint, or a safetensors file of a torch.nn.Sequential; "-" is
     /// standard input [default: the newest run below runs/]
     #[arg(value_name = "PATH")]
@@ -54,7 +50,6 @@ pub(super) struct Place {
     pub(super) environment: Option<EnvironmentId>,
 }
 
-/// Reads the name of an environment.
 fn environment() -> impl TypedValueParser<Value = EnvironmentId> {
     let unknown = || "no such environment";
     PossibleValuesParser::new(EnvironmentId::NAMES)
@@ -62,7 +57,7 @@ fn environment() -> impl TypedValueParser<Value = EnvironmentId> {
 }
 
 /// A checkpoint that has been found and read.
-pub(super) struct Found {
+pub(super) struct LocatedPolicy {
     /// What the user typed, or the newest run.
     pub place: PathBuf,
     /// The file that was read.
@@ -72,10 +67,10 @@ pub(super) struct Found {
     pub environment: EnvironmentConfig,
 }
 
-impl Place {
+impl PolicyArguments {
     /// Reads the checkpoint that is meant. Only if the user typed nothing is a note printed, unless `quiet`: which run it
     /// is.
-    pub(super) fn find(&self, quiet: bool) -> Result<Found, Failure> {
+    pub(super) fn find(&self, quiet: bool) -> Result<LocatedPolicy, Failure> {
         let typed = self.path.as_ref().or(self.checkpoint.as_ref());
         let place = match typed {
             Some(place) if is_standard_input(place) => return self.read_standard_input(),
@@ -89,19 +84,12 @@ impl Place {
             }
         };
         let file = checkpoint_of(&place)?;
-        let checkpoint = Checkpoint::read(&file).map_err(|error| match is_trial(&error) {
-            true => Failure::BadInput(format!(
-                "{} holds trials of a study: it keeps scores and no policy. To get the policy, train its config with its \
-                 seed again: cartpole-dqn train --config FILE --seed N",
-                shown(&file)
-            )),
-            false => error.into(),
-        })?;
+        let checkpoint = Checkpoint::read(&file)?;
         self.found(place, file, checkpoint)
     }
 
     /// The environment is the one that the checkpoint names; for a policy of another program the one that the user names.
-    fn found(&self, place: PathBuf, file: PathBuf, checkpoint: Checkpoint) -> Result<Found, Failure> {
+    fn found(&self, place: PathBuf, file: PathBuf, checkpoint: Checkpoint) -> Result<LocatedPolicy, Failure> {
         let own = checkpoint.header().ok().map(|header: Header| header.config.environment);
         let typed = self.environment.map(EnvironmentConfig::Named);
         let default = EnvironmentConfig::Named(DEFAULT_ENVIRONMENT);
@@ -113,11 +101,11 @@ impl Place {
                 shown(&file),
                 environment.spec().map_or_else(|_| "a program".into(), |task| task.id)
             ))),
-            _ => Ok(Found { place, file, checkpoint, environment }),
+            _ => Ok(LocatedPolicy { place, file, checkpoint, environment }),
         }
     }
 
-    fn read_standard_input(&self) -> Result<Found, Failure> {
+    fn read_standard_input(&self) -> Result<LocatedPolicy, Failure> {
         let file = PathBuf::from("standard input");
         let mut stdin = standard_input("cartpole-dqn eval - < last.safetensors")?;
         let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
@@ -126,7 +114,7 @@ impl Place {
     }
 }
 
-impl Found {
+impl LocatedPolicy {
     /// The environment, to be played in.
     pub(super) fn playable(&self, allow: AllowCommand, has_view: bool) -> Result<EnvironmentConfig, Failure> {
         let mut environment = self.environment.clone();
@@ -135,7 +123,6 @@ impl Found {
         Ok(environment)
     }
 
-    /// What is known of the environment.
     pub(super) fn spec(&self) -> Result<Spec, Failure> {
         let problem = |error| Failure::BadInput(format!("checkpoint {}: {error}", shown(&self.file)));
         self.environment.spec().map_err(problem)
@@ -165,13 +152,4 @@ impl Found {
             }
         })
     }
-}
-
-fn is_trial(error: &CheckpointError) -> bool {
-    let trial = || {
-        let (mut first, file) = (String::new(), open_ordinary(&error.path).ok()?);
-        BufReader::new(file.take(MAX_TRIAL)).read_line(&mut first).ok()?;
-        serde_json::from_str::<Trial>(&first).ok()
-    };
-    matches!(error.problem, CheckpointProblem::NotSafetensors(_)) && trial().is_some()
 }

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::output::Output;
+use super::output::{Output, WriteError};
 use super::permission::AllowCommand;
-use super::policy::{Place, STANDARD};
+use super::policy::{PolicyArguments, STANDARD};
 use super::ui::{Failure, note, print};
 use crate::draw::{Film, is_film, is_gif, is_svg, svg, write_gif};
+use crate::env::Environment;
 use crate::env::scene::Scene;
-use crate::env::{Environment, EnvironmentError};
 use crate::run::SavedPolicy;
 use crate::text::shown;
 use crate::trainer::{Frame, SCORE_SEED, play, record};
@@ -23,9 +23,9 @@ use crate::trainer::{Frame, SCORE_SEED, play, record};
 /// same checkpoint and seed give the same bytes.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn render runs/my-run -o episode.gif")]
-pub(super) struct Arguments {
+pub(super) struct RenderArguments {
     #[command(flatten)]
-    place: Place,
+    place: PolicyArguments,
     #[command(flatten)]
     allow: AllowCommand,
     /// File to write: .gif, or .svg, which is smaller and plays in browsers; "-" is standard output
@@ -52,8 +52,8 @@ enum Format {
     Svg,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { place, allow, output: path, seed, quiet, .. } = arguments;
+pub(super) fn run(arguments: &RenderArguments) -> Result<(), Failure> {
+    let RenderArguments { place, allow, output: path, seed, quiet, .. } = arguments;
     let format = format(arguments)?;
     let (what, is_own): (_, fn(&[u8]) -> bool) = match format {
         Format::Gif => ("a GIF of `render`", |start| is_gif(start) || is_film(start)),
@@ -78,11 +78,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     };
     let said = format!("{}: {drawn} steps from Gymnasium's seed {seed}", shown(path));
-    match (quiet, output.is_standard()) {
-        (true, _) => {}
-        (false, true) if is_read => note(&said),
-        (false, true) => {}
-        (false, false) => print(&(said + "\n"))?,
+    match output.is_standard() {
+        _ if *quiet || !is_read => {}
+        true => note(&said),
+        false => print(&(said + "\n"))?,
     }
     Ok(())
 }
@@ -93,7 +92,7 @@ fn draw(
     format: Format,
     policy: &SavedPolicy,
     environment: &mut dyn Environment,
-    arguments: &Arguments,
+    arguments: &RenderArguments,
 ) -> Result<(u64, bool), Failure> {
     let frames = record(&mut policy.greedy(1), environment, arguments.seed)?.frames;
     let task = environment.spec();
@@ -110,67 +109,43 @@ fn draw(
     Ok((drawn, is_read))
 }
 
-/// Why there is no film.
-#[derive(Debug, thiserror::Error)]
-enum NoFilm {
-    #[error(transparent)]
-    Environment(#[from] EnvironmentError),
-    #[error(transparent)]
-    Write(#[from] io::Error),
-    #[error("the program draws nothing: it answered `render` with `no frame`")]
-    NoFrame,
-}
-
 /// Writes an episode of a program, which gives pixels. Returns its steps, and whether somebody reads it.
 fn write_film(
     output: &Output<'_>,
     policy: &SavedPolicy,
     environment: &mut dyn Environment,
-    arguments: &Arguments,
+    arguments: &RenderArguments,
 ) -> Result<(u64, bool), Failure> {
     let rate = environment.spec().steps_per_second;
     let (seed, steps) = (arguments.seed, arguments.steps.unwrap_or(u64::MAX));
-    let mut result = Ok(0);
-    let is_read = output.write(|file| {
-        let (mut out, mut film, mut drawn) = (Some(file), None, 0);
-        let played = play(&mut policy.greedy(1), environment, seed, |moment| {
+    let mut drawn = 0;
+    let is_read = output.write::<WriteError>(|file| {
+        let (mut out, mut film) = (Some(file), None);
+        play(&mut policy.greedy(1), environment, seed, |moment| {
             let is_last = moment.action.is_none() || moment.step == steps;
-            let image = moment.environment.image()?.ok_or(NoFilm::NoFrame)?;
+            let image = moment.environment.image()?.ok_or(WriteError::NoFrame)?;
             drawn = moment.step;
             if let Some(out) = out.take() {
                 film = Some(Film::new(out, &image, rate)?);
             }
             film.iter_mut().try_for_each(|film| film.add(&image, is_last))?;
-            Ok(!is_last)
-        });
-        result = played.map(|()| drawn);
-        match &mut result {
-            Err(NoFilm::Write(error)) => Err(io::Error::new(error.kind(), error.to_string())),
-            Err(other) => Err(io::Error::other(other.to_string())),
-            Ok(_) => Ok(()),
-        }
-    });
-    match result {
-        Ok(steps) => Ok((steps, is_read?)),
-        Err(NoFilm::Write(_)) => Ok((0, is_read?)),
-        Err(NoFilm::Environment(error)) => Err(error.into()),
-        Err(NoFilm::NoFrame) => Err(Failure::BadInput(NoFilm::NoFrame.to_string())),
-    }
+            Ok::<_, WriteError>(!is_last)
+        })?;
+        Ok(())
+    })?;
+    Ok((drawn, is_read))
 }
 
-fn format(arguments: &Arguments) -> Result<Format, Failure> {
+fn format(arguments: &RenderArguments) -> Result<Format, Failure> {
     let path = &arguments.output;
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    match (arguments.format, extension.as_deref()) {
-        (Some(format), _) => Ok(format),
-        (None, Some("gif")) => Ok(Format::Gif),
-        (None, Some("svg")) => Ok(Format::Svg),
-        (None, _) if path == Path::new(STANDARD) => Ok(Format::Gif),
-        (None, _) => Err(Failure::BadInput(format!(
+    let extension = path.extension().and_then(|extension| Format::from_str(extension.to_str()?, true).ok());
+    let default = (path == Path::new(STANDARD)).then_some(Format::Gif);
+    arguments.format.or(extension).or(default).ok_or_else(|| {
+        Failure::BadInput(format!(
             "cannot write --output {}: its name must end in .gif or .svg, or --format must say what it is",
             shown(path)
-        ))),
-    }
+        ))
+    })
 }
 
 /// The scenes of an episode.

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::output::Output;
 use super::ui::{Failure, cannot_write, note, on_one_line, print, print_json};
-use crate::files::{Directory, create_folders, write_whole};
+use crate::files::{Directory, create_folders};
 use crate::report::{self, Report, ReportError};
 use crate::run::names::REPORT;
 use crate::text::{shown, wrapped};
@@ -17,10 +17,10 @@ use crate::text::{shown, wrapped};
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn report studies/gamma
          cartpole-dqn report runs/one runs/other --html runs.html")]
-pub(super) struct Arguments {
+pub(super) struct ReportArguments {
     /// Directory of a study or of a run; with --html several runs are compared
     #[arg(value_name = "DIR", required = true)]
-    folders: Vec<PathBuf>,
+    directories: Vec<PathBuf>,
     /// Write one HTML file instead, which needs no other file and no network; - is standard output
     #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "json"])]
     html: Option<PathBuf>,
@@ -38,16 +38,16 @@ impl From<ReportError> for Failure {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &ReportArguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.html {
-        return write_page(file, &arguments.folders);
+        return write_page(file, &arguments.directories);
     }
-    let [folder] = &arguments.folders[..] else {
+    let [studied] = &arguments.directories[..] else {
         return Err(Failure::BadInput("several directories need --html FILE; without it give one".into()));
     };
-    let report = Report::of(folder)?;
+    let report = Report::of(studied)?;
     report.notes.iter().for_each(|text| note(text));
-    let out = arguments.out.as_ref().unwrap_or(folder);
+    let out = arguments.out.as_ref().unwrap_or(studied);
     for name in [REPORT].into_iter().chain(report.files.iter().map(|(name, _)| *name)) {
         let path = &out.join(name);
         Output { option: "--out", path, what: "of a report", is_own: report::is_own }.check()?;
@@ -80,18 +80,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     print(&format!("\n{}", wrapped(&format!("written to {}: {}", shown(out), written.join(", ")), 2)))
 }
 
-fn write_page(file: &Path, folders: &[PathBuf]) -> Result<(), Failure> {
-    if file == Path::new("-") {
-        return print(&report::page(folders)?);
-    }
-    let bad = |problem: &str| Failure::BadInput(format!("cannot write --html {}: {problem}", shown(file)));
-    Output { option: "--html", path: file, what: "a page of `report`", is_own: report::is_page }.check()?;
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-        return Err(bad(&format!("there is no directory {}", shown(folder))));
-    }
-    let page = report::page(folders)?;
-    write_whole(file, |file| file.write_all(page.as_bytes()))
-        .map_err(|error| cannot_write(file, &error, ""))?;
-    print(&format!("written: {}\n", shown(file)))
+fn write_page(file: &Path, directories: &[PathBuf]) -> Result<(), Failure> {
+    let (what, is_own) = ("a page of `report`", report::is_page);
+    let output = Output { option: "--html", path: file, what, is_own };
+    output.check()?;
+    let page = report::page(directories)?;
+    output.write(|file| file.write_all(page.as_bytes()))?;
+    if output.is_standard() { Ok(()) } else { print(&format!("written: {}\n", shown(file))) }
 }

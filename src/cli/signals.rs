@@ -20,7 +20,7 @@ const INTERRUPTED: u8 = 130;
 /// 128 + SIGTERM.
 const TERMINATED: u8 = 143;
 
-/// Who is told of the first signal, so that it can stop in good order; nobody in most commands.
+/// The run to stop on the first signal; most commands have none.
 static LISTENER: OnceLock<Signals> = OnceLock::new();
 /// How soon a signal is noticed, and how long a step may take before that is said.
 const POLL_INTERVAL: Duration = Duration::from_millis(200);
@@ -41,11 +41,7 @@ pub(super) struct Signals {
 ///
 /// # Errors
 /// When the system refuses.
-pub(super) fn watch() -> Result<(), Failure> {
-    try_watch().map_err(|error| Failure::Failed(format!("cannot listen to signals such as Ctrl-C: {error}")))
-}
-
-fn try_watch() -> io::Result<()> {
+pub(super) fn watch() -> io::Result<()> {
     let mut signals = vec![SIGINT, SIGTERM];
     #[cfg(unix)]
     if !hangup_is_ignored() {
@@ -126,11 +122,11 @@ impl Signals {
     /// # Errors
     /// When the system has no thread to wait.
     pub(super) fn stop_after(&self, time: Duration) -> Result<(), Failure> {
-        let (stop, exit_code) = (Arc::clone(&self.stop), Arc::clone(&self.exit_code));
+        let signals = self.clone();
         let wait = move || {
             thread::sleep(time);
-            exit_code.store(TERMINATED, Ordering::Relaxed);
-            stop.store(true, Ordering::Release);
+            signals.exit_code.store(TERMINATED, Ordering::Relaxed);
+            signals.stop.store(true, Ordering::Release);
         };
         let waiting = thread::Builder::new().name("time limit".into()).spawn(wait).map(drop);
         waiting.map_err(|error| Failure::Failed(format!("cannot wait for --time-limit: {error}")))
@@ -138,20 +134,16 @@ impl Signals {
 
     /// The exit code of a process that a signal has stopped.
     pub(super) fn exit_code(&self) -> u8 {
-        code(&self.exit_code)
+        match self.exit_code.load(Ordering::Relaxed) {
+            0 => INTERRUPTED,
+            code => code,
+        }
     }
 
     /// Ends the process as the second signal does.
     pub(super) fn end_process(&self) -> impl FnOnce() + Send + use<> {
-        let exit_code = Arc::clone(&self.exit_code);
-        move || end(code(&exit_code))
-    }
-}
-
-fn code(exit_code: &AtomicU8) -> u8 {
-    match exit_code.load(Ordering::Relaxed) {
-        0 => INTERRUPTED,
-        code => code,
+        let signals = self.clone();
+        move || end(signals.exit_code())
     }
 }
 

@@ -1,7 +1,6 @@
 //! `cartpole-dqn study`
 
 use std::collections::{BTreeSet, HashSet};
-use std::io::{self, Write};
 use std::num::NonZero;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -12,13 +11,12 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::permission::{AllowCommand, Programs};
+use super::permission::{AllowCommand, SharedPrograms};
 use super::plan;
 use super::signals::Signals;
-use super::ui::{Failure, cannot_write, check_out, note, on_one_line, print};
+use super::ui::{Failure, cannot_write, check_out, note, on_one_line, print, say};
 use super::variations::{Variations, configs};
 use crate::config::Config;
-use crate::env::Spec;
 use crate::report;
 use crate::study::{
     Cause, Finished, MAX_SEEDS, NamedConfig, Omitted, Shard, Study, StudyDir, StudyError, Trial, Unended,
@@ -43,22 +41,18 @@ const LINE_INTERVAL: Duration = Duration::from_secs(2);
     after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --set stop_when_lasting_steps=null \
         --seeds 0..100 --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
 )]
-pub(super) struct Arguments {
-    /// Directory of a study to go on with, as its study.json says
+pub(super) struct StudyArguments {
+    /// Directory of a study to resume, as its study.json says
     #[arg(value_name = "DIR", conflicts_with_all = ["config", "vary", "set", "seeds", "out", "lasting"])]
-    folder: Option<PathBuf>,
-    /// The same as DIR alone
-    #[arg(long, value_name = "DIR",
-        conflicts_with_all = ["folder", "config", "vary", "set", "seeds", "out", "lasting"])]
-    resume: Option<PathBuf>,
+    directory: Option<PathBuf>,
     #[command(flatten)]
     variations: Variations,
     /// Train with the seeds A to B − 1
     #[arg(long, value_name = "A..B", value_parser = seeds, allow_hyphen_values = true,
-        required_unless_present_any = ["folder", "resume"])]
+        required_unless_present = "directory")]
     seeds: Option<Range<u64>>,
     /// Directory for the study
-    #[arg(long, value_name = "DIR", required_unless_present_any = ["folder", "resume"])]
+    #[arg(long, value_name = "DIR", required_unless_present = "directory")]
     out: Option<PathBuf>,
     /// Run every N-th trial alone, from number I on (0 to N − 1), as one of N processes
     #[arg(long, value_name = "I/N")]
@@ -109,11 +103,10 @@ fn seeds(text: &str) -> Result<Range<u64>, String> {
     }
 }
 
-impl Arguments {
-    /// The directory of the study.
+impl StudyArguments {
+    /// The directory of the study. Without it, clap demands --out.
     fn path(&self) -> &Path {
-        let path = self.folder.as_ref().or(self.resume.as_ref()).or(self.out.as_ref());
-        path.map_or(Path::new("."), PathBuf::as_path)
+        self.directory.as_deref().or(self.out.as_deref()).unwrap_or(Path::new("."))
     }
 
     fn jobs(&self) -> usize {
@@ -123,136 +116,129 @@ impl Arguments {
 
     /// Opens a study, or makes a new one.
     fn open(&self) -> Result<StudyDir, Failure> {
-        let (Some(out), Some(seeds)) = (&self.out, &self.seeds) else {
-            if self.status {
-                return Ok(StudyDir::open_to_read(self.path())?);
-            }
-            let mut folder = StudyDir::open(self.path())?;
-            let (place, mut programs) = (format!("study {}", shown(self.path())), Programs::default());
-            for environment in folder.environments_mut() {
-                programs.permit(self.allow, environment, &place).map_err(Failure::BadInput)?;
-            }
-            return Ok(folder);
-        };
-        check_out(out)?;
-        let study = Study::new(configs(&self.variations)?, seeds.clone(), self.lasting);
-        if !self.plan {
-            check_memory(&study, self.jobs())?;
+        if let (Some(out), Some(seeds)) = (&self.out, &self.seeds) {
+            check_out(out)?;
+            let study = Study::new(configs(&self.variations)?, seeds.clone(), self.lasting);
+            self.check_memory(&study)?;
+            return Ok(StudyDir::create(out, study)?);
         }
-        Ok(StudyDir::create(out, study)?)
+        let mut dir = StudyDir::open(self.path())?;
+        let (place, mut programs) = (format!("study {}", shown(self.path())), SharedPrograms::default());
+        for environment in dir.environments_mut() {
+            let permitted = programs.share(environment, |program| self.allow.permit(program, &place, false));
+            permitted.map_err(Failure::BadInput)?;
+        }
+        self.check_memory(dir.study())?;
+        Ok(dir)
+    }
+
+    /// Whether so many trials at the same time find the memory that they take. A plan trains one.
+    fn check_memory(&self, study: &Study) -> Result<(), Failure> {
+        let jobs = self.jobs();
+        let at_once = jobs.min(study.trials(Shard::ALL).take(jobs).count());
+        let checked = study.configs.iter().try_for_each(|named| named.config.check_memory(at_once));
+        checked.or_else(|error| match self.plan {
+            true => Ok(()),
+            false => Err(Failure::BadInput(format!(
+                "{error} (--jobs {jobs} trains so many runs at the same time)"
+            ))),
+        })
+    }
+
+    /// The command that shows the result.
+    fn report_command(&self) -> String {
+        format!("cartpole-dqn report {}", shell_word(&self.path().to_string_lossy()))
     }
 }
 
-/// Whether so many trials at the same time find the memory that they take.
-fn check_memory(study: &Study, jobs: usize) -> Result<(), Failure> {
-    let at_once = jobs.min(study.trials(Shard::ALL).take(jobs).count());
-    for NamedConfig { config, .. } in &study.configs {
-        config.check_memory(at_once).map_err(|error| {
-            Failure::BadInput(format!("{error} (--jobs {jobs} trains so many runs at the same time)"))
-        })?;
-    }
-    Ok(())
-}
-
-/// Waits for the programs of these configs, as long as a signal ends the process at once. Whether one fails is seen by its
-/// trials.
-fn start_programs<'a>(configs: impl Iterator<Item = &'a NamedConfig>) {
-    for NamedConfig { config, task, .. } in configs {
-        drop((config.make())(task.max_steps));
+pub(super) fn run(arguments: &StudyArguments) -> Result<(), Failure> {
+    match arguments.shard {
+        _ if arguments.status => print(&plan::status(&StudyDir::open_to_read(arguments.path())?)?),
+        _ if arguments.plan => plan(arguments),
+        None => train_all(arguments),
+        Some(shard) => train_shard(arguments, shard),
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let folder = arguments.open()?;
-    if arguments.status {
-        return print(&plan::status(&folder)?);
-    }
-    if arguments.plan && arguments.quiet {
+fn plan(arguments: &StudyArguments) -> Result<(), Failure> {
+    let dir = arguments.open()?;
+    if arguments.quiet {
         return Ok(());
     }
-    if arguments.plan {
-        start_programs(folder.study().configs.iter().take(1));
-        let signals = Signals::listen();
-        return print(&plan::estimate(&folder, arguments.path(), &signals.stop)?);
-    }
-    check_memory(folder.study(), arguments.jobs())?;
-    let shard = arguments.shard.unwrap_or(Shard::ALL);
-    let (pending, mut progress) = pending(&folder, shard, arguments.quiet)?;
-    let configs: BTreeSet<usize> = pending.iter().map(|(config, _)| *config).collect();
-    start_programs(configs.into_iter().map(|config| &folder.study().configs[config]));
+    start_program(&dir.study().configs[0]);
     let signals = Signals::listen();
-    arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
-    let ended =
-        folder.run(&pending, &Config::make, arguments.jobs(), &signals.stop, |ended| progress.show(ended));
-    progress.bar.finish_and_clear();
-    ended?;
-    folder.tidy()?;
-    if progress.done < progress.total {
-        let message = progress.left();
-        return Err(match signals.stop.load(Ordering::Relaxed) {
-            true => Failure::Interrupted(format!("stopped: {message}"), signals.exit_code()),
-            false => Failure::Disturbed(message),
-        });
-    }
-    let out = arguments.path().to_string_lossy();
-    let report = format!("cartpole-dqn report {}", shell_word(&out));
-    if !arguments.quiet {
-        match arguments.shard {
-            None => print(&format!(
-                "{}\nstudy      {}\nreport     {report}\n",
-                report::standing(&folder)?,
-                visible(&out)
-            ))?,
-            Some(_) => print(&progress.of_shard(&out))?,
-        }
-    }
-    match progress.first_error {
-        None => Ok(()),
-        Some((_, error)) => {
-            let Progress { failed, done, .. } = progress;
-            Err(Failure::Failed(format!(
-                "{failed} of {done} trials failed, for example {error}; see: {report}"
-            )))
-        }
-    }
+    print(&plan::estimate(&dir, arguments.path(), &signals.stop)?)
 }
 
-/// The trials of a shard that nobody has finished yet, and the progress until now.
-fn pending(folder: &StudyDir, shard: Shard, quiet: bool) -> Result<(Vec<(usize, u64)>, Progress), Failure> {
-    let study = folder.study();
-    let (mut finished, mut failed) = (HashSet::new(), Vec::new());
-    let Omitted { notes, .. } = folder.read(|Finished { config, trial }| {
-        let number = (config, trial.seed);
-        if study.is_in(shard, number) {
-            finished.insert(number);
-            failed.extend(trial.error.is_some().then_some(trial));
+fn train_all(arguments: &StudyArguments) -> Result<(), Failure> {
+    let dir = arguments.open()?;
+    let counts = train(arguments, &dir, Shard::ALL)?;
+    if !arguments.quiet {
+        let (standing, out) = (report::standing(&dir)?, shown(arguments.path()));
+        print(&format!("{standing}\nstudy      {out}\nreport     {}\n", arguments.report_command()))?;
+    }
+    counts.failures(arguments)
+}
+
+fn train_shard(arguments: &StudyArguments, shard: Shard) -> Result<(), Failure> {
+    let dir = arguments.open()?;
+    let counts = train(arguments, &dir, shard)?;
+    if !arguments.quiet {
+        let Counts { done, trained, failed, .. } = counts;
+        print(&format!(
+            "trials     {done} of this shard, of which this process trained {trained}\nfailed     {failed}\n\
+             progress   cartpole-dqn study {} --status\n",
+            shell_word(&arguments.path().to_string_lossy())
+        ))?;
+    }
+    counts.failures(arguments)
+}
+
+/// Trains the trials of a shard that nobody has finished yet.
+fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Counts, Failure> {
+    let study = dir.study();
+    let (mut finished, mut counts) = (HashSet::new(), Counts::default());
+    let Omitted { notes, .. } = dir.read(|Finished { config, trial }| {
+        if study.is_in(shard, (config, trial.seed)) {
+            finished.insert((config, trial.seed));
+            counts.count_failure(&trial);
         }
         Ok(())
     })?;
     notes.iter().for_each(|text| note(text));
     let pending: Vec<_> = study.trials(shard).filter(|trial| !finished.contains(trial)).collect();
-    let mut progress = Progress::new(study, finished.len() as u64, pending.len() as u64, quiet);
-    failed.iter().for_each(|trial| progress.count_failure(trial));
-    Ok((pending, progress))
+    counts.done = finished.len() as u64;
+    counts.total = counts.done + pending.len() as u64;
+    let configs: BTreeSet<usize> = pending.iter().map(|(config, _)| *config).collect();
+    configs.iter().for_each(|&config| start_program(&study.configs[config]));
+    let signals = Signals::listen();
+    arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
+    let mut progress = TrialProgress::new(study, counts, arguments.quiet);
+    let ended =
+        dir.run(&pending, &Config::make, arguments.jobs(), &signals.stop, |ended| progress.show(ended));
+    progress.bar.finish_and_clear();
+    ended?;
+    dir.tidy()?;
+    match progress.counts.left() {
+        None => Ok(progress.counts),
+        Some(left) if signals.stop.load(Ordering::Relaxed) => {
+            Err(Failure::Interrupted(format!("stopped: {left}"), signals.exit_code()))
+        }
+        Some(left) => Err(Failure::Disturbed(left)),
+    }
 }
 
-/// The command that this process was started with.
-fn own_command() -> String {
-    let words: Vec<String> =
-        std::env::args_os().map(|word| visible(&shell_word(&word.to_string_lossy()))).collect();
-    words.join(" ")
+/// Waits for the program of a config, as long as a signal ends the process at once. Whether it fails is seen by its trials.
+fn start_program(NamedConfig { config, task, .. }: &NamedConfig) {
+    drop((config.make())(task.max_steps));
 }
 
-/// Counts trials, and shows them on stderr: a bar on a terminal, elsewhere a plain line now and then.
-struct Progress {
-    bar: ProgressBar,
-    quiet: bool,
-    last_line: Instant,
-    /// What each config is called, and its task.
-    tasks: Vec<(String, Spec)>,
+/// Counts of trials.
+#[derive(Default)]
+struct Counts {
     total: u64,
+    /// Trials with a result, those of them that this process has trained, and how many of these solved.
     done: u64,
-    /// Trials that this process has trained, and how many of them solved.
     trained: u64,
     solved: u64,
     failed: u64,
@@ -266,112 +252,91 @@ struct Progress {
     first_disturbance: Option<String>,
 }
 
-impl Progress {
-    fn new(study: &Study, done: u64, pending: u64, quiet: bool) -> Self {
-        let total = done + pending;
-        let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(total) };
-        if let Ok(style) = ProgressStyle::with_template("trial {pos}/{len} {wide_bar} eta {eta}\n{wide_msg}")
-        {
-            bar.set_style(style);
-        }
-        // The trials that are done took no time.
-        bar.set_position(done);
-        bar.reset_eta();
-        Self {
-            bar,
-            quiet,
-            last_line: Instant::now(),
-            tasks: study.configs.iter().map(|named| (named.name.clone(), named.task.clone())).collect(),
-            total,
-            done,
-            trained: 0,
-            solved: 0,
-            failed: 0,
-            first_error: None,
-            kept: 0,
-            lost: 0,
-            disturbed: 0,
-            first_disturbance: None,
-        }
-    }
-
-    fn count_failure<S>(&mut self, trial: &Trial<S>) {
-        let Some(error) = &trial.error else { return };
+impl Counts {
+    fn count_failure<S>(&mut self, Trial { config, seed, error, .. }: &Trial<S>) {
+        let Some(error) = error else { return };
         self.failed += 1;
-        if self.first_error.as_ref().is_none_or(|(seed, _)| trial.seed < *seed) {
-            let Trial { config, seed, .. } = trial;
+        if self.first_error.as_ref().is_none_or(|(first, _)| seed < first) {
             self.first_error = Some((*seed, visible(&format!("{config}, seed {seed}: {error}"))));
         }
     }
 
-    fn counts(&self) -> String {
-        let Self { solved, trained, failed, .. } = self;
-        format!("final policy solved {solved} of {trained}, failed {failed}")
-    }
-
-    fn show(&mut self, ended: &Result<Trial, Unended>) {
-        match ended {
-            Ok(trial) => self.show_trial(trial),
-            Err(unended) => self.count_unended(unended),
-        }
-    }
-
     fn count_unended(&mut self, unended: &Unended) {
-        let count = if unended.is_kept { &mut self.kept } else { &mut self.lost };
-        *count += 1;
+        *if unended.is_kept { &mut self.kept } else { &mut self.lost } += 1;
         if matches!(unended.cause, Cause::Failed(_)) {
             self.disturbed += 1;
             self.first_disturbance.get_or_insert_with(|| visible(&unended.to_string()));
         }
     }
 
-    fn show_trial(&mut self, trial: &Trial) {
-        self.done += 1;
-        self.trained += 1;
-        let task = self.tasks.iter().find(|(name, _)| *name == trial.config);
-        self.solved += u64::from(task.is_some_and(|(_, task)| trial.solved(task)));
-        self.count_failure(trial);
-        self.bar.set_position(self.done);
-        self.bar.set_message(self.counts());
-        if !self.quiet && self.bar.is_hidden() && self.last_line.elapsed() >= LINE_INTERVAL {
-            self.last_line = Instant::now();
-            let eta = self.bar.eta().as_secs();
-            // A closed stderr is no reason to stop a study.
-            let _ = writeln!(
-                io::stderr(),
-                "trial {}/{} | {} | eta {eta} s",
-                self.done,
-                self.total,
-                self.counts()
-            );
-        }
-    }
-
-    fn of_shard(&self, out: &str) -> String {
-        let Self { done, trained, failed, .. } = self;
-        format!(
-            "trials     {done} of this shard, of which this process trained {trained}\nfailed     {failed}\n\
-             progress   cartpole-dqn study {} --status\n",
-            shell_word(out)
-        )
-    }
-
-    /// What there is left to do.
-    fn left(&self) -> String {
+    /// What there is left to do, if there is something.
+    fn left(&self) -> Option<String> {
         let Self { done, total, kept, lost, disturbed, .. } = self;
         let mut what = format!("{done} of {total} trials are finished and kept.");
         if let Some(first) = &self.first_disturbance {
             what += &format!(" {disturbed} ended without a result, for example {first}.");
         }
-        what += &match (kept, lost) {
-            (0, 0) => String::new(),
-            (_, 0) => format!(" Those that had begun are resumed from their checkpoints ({kept})."),
-            (0, _) => format!(" Those that had begun have no checkpoint and are trained again ({lost})."),
-            _ => format!(
-                " Those that had begun are resumed from their checkpoints ({kept}) or, without one, trained again ({lost})."
-            ),
-        };
+        if *kept > 0 {
+            what += &format!(" {kept} that had begun are resumed from their checkpoints.");
+        }
+        if *lost > 0 {
+            what += &format!(" {lost} that had begun have no checkpoint and are trained again.");
+        }
         what += " Resume the study with the same command:";
-        format!("{}  {}", wrapped(&what, 0), own_command())
+        let words = std::env::args_os().map(|word| visible(&shell_word(&word.to_string_lossy())));
+        let command = words.collect::<Vec<_>>().join(" ");
+        (done < total).then(|| format!("{}  {command}", wrapped(&what, 0)))
+    }
+
+    /// Fails if a trial has.
+    fn failures(&self, arguments: &StudyArguments) -> Result<(), Failure> {
+        let Self { failed, done, first_error, .. } = self;
+        let Some((_, error)) = first_error else { return Ok(()) };
+        let report = arguments.report_command();
+        let message = format!("{failed} of {done} trials failed, for example {error}; see: {report}");
+        Err(Failure::Failed(message))
+    }
+}
+
+/// Counts trials as they end, and shows that on stderr: a bar on a terminal, elsewhere a plain line now and then.
+struct TrialProgress<'a> {
+    study: &'a Study,
+    counts: Counts,
+    bar: ProgressBar,
+    quiet: bool,
+    last_line: Instant,
+}
+
+impl<'a> TrialProgress<'a> {
+    fn new(study: &'a Study, counts: Counts, quiet: bool) -> Self {
+        let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(counts.total) };
+        if let Ok(style) = ProgressStyle::with_template("trial {pos}/{len} {wide_bar} eta {eta}\n{wide_msg}")
+        {
+            bar.set_style(style);
+        }
+        // The trials that are done took no time.
+        bar.set_position(counts.done);
+        bar.reset_eta();
+        Self { study, counts, bar, quiet, last_line: Instant::now() }
+    }
+
+    fn show(&mut self, ended: &Result<Trial, Unended>) {
+        let trial = match ended {
+            Ok(trial) => trial,
+            Err(unended) => return self.counts.count_unended(unended),
+        };
+        let named = self.study.configs.iter().find(|named| named.name == trial.config);
+        self.counts.done += 1;
+        self.counts.trained += 1;
+        self.counts.solved += u64::from(named.is_some_and(|named| trial.solved(&named.task)));
+        self.counts.count_failure(trial);
+        let Counts { done, total, trained, solved, failed, .. } = self.counts;
+        let counts = format!("final policy solved {solved} of {trained}, failed {failed}");
+        self.bar.set_position(done);
+        if !self.quiet && self.bar.is_hidden() && self.last_line.elapsed() >= LINE_INTERVAL {
+            self.last_line = Instant::now();
+            say(&format!("trial {done}/{total} | {counts} | eta {} s", self.bar.eta().as_secs()));
+        }
+        self.bar.set_message(counts);
     }
 }

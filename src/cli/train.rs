@@ -10,10 +10,9 @@ use super::layers::Layers;
 use super::permission::{AllowCommand, allowance, ask_task};
 use super::signals::{self, Signals};
 use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say};
-use crate::config::{Config, MAX_BYTES};
+use crate::config::Config;
 use crate::env::Spec;
-use crate::files::read_text_limited;
-use crate::run::{EndedRun, Recorder, Resumed, RunDir, RunRecord, Started, resume, start};
+use crate::run::{EndedRun, Recorder, Resumed, RunDir, RunRecord, Started, read_summary, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::{shell_word, shown};
 use crate::trainer::{Budget, EndReason, Evaluation, Fanout, Summary, TrainError, Trainer};
@@ -30,7 +29,7 @@ use crate::view::{Live, Pace, check_terminal};
 #[command(
     after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
 )]
-pub(super) struct Arguments {
+pub(super) struct TrainArguments {
     #[command(flatten)]
     layers: Layers,
     /// Directory to write the run to [default: runs/<config name>-s<seed>-<UTC time>]
@@ -69,37 +68,25 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
     if arguments.live {
         check_terminal()?;
     }
-    let mut config = if arguments.resume.is_none() { Some(arguments.layers.resolve()?) } else { None };
-    config.iter_mut().try_for_each(|config| ask_task(config, arguments.live))?;
-    let started = match (&arguments.resume, config) {
-        (Some(path), _) => {
+    let started = match &arguments.resume {
+        Some(path) => {
             let run = format!("run {}", shown(path));
             resume(path, &arguments.layers.sets(), |environment| {
                 arguments.allow.permit(environment, &run, arguments.live)
             })?
         }
-        (None, config) => Resumed::Run(Box::new(start_new(&arguments, &config.unwrap_or_default())?)),
+        None => Resumed::Run(Box::new(start_new(&arguments)?)),
     };
     // Before that a signal ends the process at once: it may wait for its standard input or a silent program, and nothing is
     // trained yet.
     let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
     let Started { dir: run, config, mut trainer, recorder, notes } = match started {
         Resumed::Run(started) => *started,
-        Resumed::Ended(ended) => {
-            let how = format!("{}. To train on, type\n  {}", ended.why, extending_command(&ended));
-            if ended.is_extended {
-                let path = shown(ended.dir.path());
-                return Err(Failure::BadInput(format!(
-                    "directory {path}: with these settings nothing is trained: {how}"
-                )));
-            }
-            note(&how);
-            return if arguments.json { print_json(&read_summary(&ended.dir)?) } else { Ok(()) };
-        }
+        Resumed::Ended(ended) => return has_ended(&ended, arguments.json),
     };
     notes.iter().for_each(|text| note(text));
     if !arguments.quiet && !arguments.json {
@@ -112,56 +99,66 @@ pub(super) fn run(arguments: Arguments) -> Result<(), Failure> {
     let start = Instant::now();
     let result = trainer.run(&mut observers, &signals.stop);
     let seconds = start.elapsed().as_secs_f64();
-    let reason = match result {
-        Ok(EndReason::Interrupted) => {
+    let error = match result {
+        Ok(EndReason::Interrupted) => None,
+        Ok(reason) => {
+            let record = RunRecord::new(&run, &trainer, reason, seconds);
+            // The summary is also printed when it cannot be saved.
+            let saved = run.write_json(&run.summary(), &record);
             drop(observers);
-            if arguments.json {
-                print_json(&unended(&run, &trainer, seconds, "interrupted"))?;
+            match (arguments.json, arguments.quiet) {
+                (true, _) => print_json(&record)?,
+                (false, true) => {}
+                (false, false) => print(&describe(&record, &trainer, &run, allowance(&config)))?,
             }
-            let steps = trainer.progress().env_steps;
-            let message =
-                format!("stopped after step {steps}; resume with:\n  {}", resume_command(&run, &config));
-            return Err(Failure::Interrupted(message, signals.exit_code()));
+            return saved.map_err(|error| cannot_write(&run.summary(), &error, ""));
         }
-        Ok(reason) => reason,
-        Err(error) => {
-            if let TrainError::Diverged { .. } = error {
-                // Training it again would end the same way. Where this cannot be written, the run is one that was stopped.
-                let _ = run.set_failed(Some(error.to_string()));
-            }
-            drop(observers);
-            let is_result = matches!(error, TrainError::Diverged { .. });
-            let stopped = if is_result { None } else { signals::asked() };
-            if arguments.json {
-                let ended = if stopped.is_some() { "interrupted" } else { "failed" };
-                let mut record = unended(&run, &trainer, seconds, ended);
-                record["error"] = json!(error.to_string());
-                print_json(&record)?;
-            }
-            let message = format!("{error}; {}", what_is_kept(&run, &config, &error));
-            return Err(match stopped {
-                Some(exit_code) => Failure::Interrupted(format!("stopped: {message}"), exit_code),
-                None => Failure::Failed(message),
-            });
-        }
+        Err(error) => Some(error),
     };
-    let record = RunRecord::new(&run, &trainer, reason, seconds);
-    // The summary is also printed when it cannot be saved.
-    let saved = run.write_json(&run.summary(), &record);
-    drop(observers);
-    match (arguments.json, arguments.quiet) {
-        (true, _) => print_json(&record)?,
-        (false, true) => {}
-        (false, false) => print(&describe(&record, &trainer, &run, allowance(&config)))?,
+    if let Some(error @ TrainError::Diverged { .. }) = &error {
+        // Training it again would end the same way. Where this cannot be written, the run is one that was stopped.
+        let _ = run.set_failed(Some(error.to_string()));
     }
-    saved.map_err(|error| cannot_write(&run.summary(), &error, ""))
+    drop(observers);
+    let exit_code = match error {
+        None => Some(signals.exit_code()),
+        Some(TrainError::Diverged { .. }) => None,
+        Some(_) => signals::asked(),
+    };
+    if arguments.json {
+        let mut record = json!(RunRecord::new(&run, &trainer, EndReason::Interrupted, seconds));
+        if exit_code.is_none() {
+            record["end_reason"] = json!("failed");
+        }
+        if let Some(error) = &error {
+            record["error"] = json!(error.to_string());
+        }
+        print_json(&record)?;
+    }
+    let stopped = if exit_code.is_some() { "stopped: " } else { "" };
+    let message = match error {
+        None => {
+            let (steps, command) = (trainer.progress().env_steps, resume_command(&run, &config));
+            format!("stopped after step {steps}; resume with:\n  {command}")
+        }
+        Some(error) => format!("{stopped}{error}; {}", what_is_kept(&run, &config, &error)),
+    };
+    Err(match exit_code {
+        Some(exit_code) => Failure::Interrupted(message, exit_code),
+        None => Failure::Failed(message),
+    })
 }
 
-/// As far as a run came that has not ended.
-fn unended(run: &RunDir, trainer: &Trainer, seconds: f64, end_reason: &str) -> serde_json::Value {
-    let mut record = json!(RunRecord::new(run, trainer, EndReason::Budget, seconds));
-    record["end_reason"] = json!(end_reason);
-    record
+/// Says why there is nothing to train, and what would be.
+fn has_ended(ended: &EndedRun, json: bool) -> Result<(), Failure> {
+    let how = format!("{}. To train on, type\n  {}", ended.why, extending_command(ended));
+    if ended.is_extended {
+        let path = shown(ended.dir.path());
+        let problem = format!("directory {path}: with these settings nothing is trained: {how}");
+        return Err(Failure::BadInput(problem));
+    }
+    note(&how);
+    if json { print_json(&read_summary(&ended.dir)?) } else { Ok(()) }
 }
 
 /// What a run that has failed leaves, and how it can be resumed.
@@ -180,19 +177,9 @@ fn what_is_kept(run: &RunDir, config: &Config, error: &TrainError) -> String {
     }
 }
 
-/// `summary.json` of a run that has ended.
-fn read_summary(run: &RunDir) -> Result<serde_json::Value, Failure> {
-    let text = read_text_limited(&run.summary(), MAX_BYTES).map_err(|error| error.to_string());
-    let summary = text.and_then(|text| serde_json::from_str(&text).map_err(|error| error.to_string()));
-    summary.map_err(|error| {
-        let path = shown(run.path());
-        Failure::BadInput(format!("directory {path} has a summary.json that cannot be read: {error}"))
-    })
-}
-
 /// Who watches the run.
 fn observers<'a>(
-    arguments: &Arguments,
+    arguments: &TrainArguments,
     run: &RunDir,
     config: &Config,
     recorder: Recorder,
@@ -215,46 +202,42 @@ fn observers<'a>(
     }
     // A resumed run that has event files continues them.
     if arguments.tensorboard || (arguments.resume.is_some() && run.has_events()) {
-        let (folder, rate) = (run.tensorboard(), config.agent.learning_rate());
+        let (path, rate) = (run.tensorboard(), config.agent.learning_rate());
         let learning_rate = move |steps| rate.after(steps);
-        let events = run
-            .directory()
-            .and_then(|directory| TensorBoard::create(directory, &folder, env_steps, learning_rate));
-        observers.0.push(Box::new(events.map_err(|error| cannot_write(&folder, &error, ""))?));
+        let directory = run.directory();
+        let events = directory.and_then(|run| TensorBoard::create(run, &path, env_steps, learning_rate));
+        observers.0.push(Box::new(events.map_err(|error| cannot_write(&path, &error, ""))?));
     }
     Ok(observers)
 }
 
 /// A new run in its own directory.
-fn start_new(arguments: &Arguments, config: &Config) -> Result<Started, Failure> {
+fn start_new(arguments: &TrainArguments) -> Result<Started, Failure> {
+    let TrainArguments { layers, force, init_from, .. } = arguments;
+    let mut config = layers.resolve()?;
+    ask_task(&mut config, arguments.live)?;
     config.check_memory(1).map_err(Failure::BadInput)?;
-    let out = arguments.out.clone().unwrap_or_else(|| default_out(arguments, config));
+    let default_out = || {
+        let time = humantime::format_rfc3339_millis(SystemTime::now()).to_string();
+        let time = time.replace(['-', ':', '.'], "");
+        Path::new("runs").join(format!("{}-s{}-{time}", layers.name(), config.seed))
+    };
+    let out = arguments.out.clone().unwrap_or_else(default_out);
     check_out(&out)?;
-    Ok(start(&out, arguments.force, &arguments.layers.name(), config, arguments.init_from.as_deref())?)
-}
-
-fn default_out(arguments: &Arguments, config: &Config) -> PathBuf {
-    let name = arguments.layers.name();
-    let time = humantime::format_rfc3339_millis(SystemTime::now()).to_string().replace(['-', ':', '.'], "");
-    Path::new("runs").join(format!("{name}-s{}-{time}", config.seed))
+    Ok(start(&out, *force, &layers.name(), &config, init_from.as_deref())?)
 }
 
 /// The first line: what is trained, with which seed, and where it is written.
-fn announce(arguments: &Arguments, run: &RunDir, trainer: &Trainer) -> String {
+fn announce(arguments: &TrainArguments, run: &RunDir, trainer: &Trainer) -> String {
     let (seed, budget) = (trainer.config().seed, budget(trainer.config().budget));
-    let what = match (&arguments.resume, &arguments.init_from) {
-        (Some(_), _) => {
-            let step = trainer.progress().env_steps;
-            format!("resuming at step {step}: seed {seed}, budget {budget}")
-        }
-        (None, None) => format!("training {}: seed {seed}, budget {budget}", arguments.layers.name()),
-        (None, Some(path)) => format!(
-            "training {}: seed {seed}, budget {budget}, from the weights of {}",
-            arguments.layers.name(),
-            shown(path)
-        ),
+    let what = match arguments.resume {
+        Some(_) => format!("resuming at step {}", trainer.progress().env_steps),
+        None => format!("training {}", arguments.layers.name()),
     };
-    fitting(&format!("{what}, in"), &run.path().display().to_string())
+    let from = arguments.init_from.as_deref();
+    let from = from.map_or(String::new(), |path| format!(", from the weights of {}", shown(path)));
+    let label = format!("{what}: seed {seed}, budget {budget}{from}, in");
+    fitting(&label, &run.path().display().to_string())
 }
 
 fn budget(budget: Budget) -> String {
@@ -290,8 +273,8 @@ fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str
         || "no episode has ended".into(),
         |mean| format!("mean return {mean:.1} over the last {} training episodes", episodes.min(100)),
     );
-    let best = best_evaluation.map_or_else(|| "none".into(), |best| evaluated(best, task));
-    let final_ = final_evaluation.map_or_else(|| "none".into(), |end| evaluated(end, task));
+    let [best, final_] = [best_evaluation, final_evaluation]
+        .map(|evaluation| evaluation.map_or_else(|| "none".into(), |evaluation| evaluated(evaluation, task)));
     let collapsed = match [best_evaluation, final_evaluation].map(|e| e.map(|e| task.is_solved_by(e.mean))) {
         [Some(true), Some(false)] => {
             "\nIn its evaluation the final policy no longer solves the task. The best policy is kept; use that one.\n"
@@ -323,11 +306,8 @@ Next: play the best policy on new episodes, watch it, draw the learning curve.
 }
 
 fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &Spec) -> String {
-    let solved = match task.solved_return {
-        Some(threshold) if mean >= threshold => ": solved",
-        Some(_) => ": not solved",
-        None => "",
-    };
+    let verdict = |threshold| if mean >= threshold { ": solved" } else { ": not solved" };
+    let solved = task.solved_return.map_or("", verdict);
     format!("mean return {mean:.1} in the evaluation at step {env_steps}{solved}")
 }
 

@@ -48,31 +48,25 @@ impl Failure {
 
 impl From<ConfigError> for Failure {
     fn from(error: ConfigError) -> Self {
-        if let ConfigError::Environment(error) = error {
-            return error.into();
+        let hint = "; --config takes a JSON file such as configs/cartpole.json";
+        match error {
+            ConfigError::Environment(error) => error.into(),
+            ConfigError::Read { .. } | ConfigError::Json { .. } => Self::BadInput(on_one_line(&error) + hint),
+            _ => Self::BadInput(on_one_line(&error)),
         }
-        let hint = match error {
-            ConfigError::Read { .. } | ConfigError::Json { .. } => {
-                "; --config takes a JSON file such as configs/cartpole.json"
-            }
-            _ => "",
-        };
-        Self::BadInput(on_one_line(&error) + hint)
     }
 }
 
 impl From<CheckpointError> for Failure {
     fn from(error: CheckpointError) -> Self {
-        if let CheckpointProblem::Resume(ResumeError::Environment(_)) = error.problem {
-            return Self::Disturbed(on_one_line(&error));
-        }
-        let hint = match error.problem {
+        let message = on_one_line(&error);
+        match error.problem {
+            CheckpointProblem::Resume(ResumeError::Environment(_)) => Self::Disturbed(message),
             CheckpointProblem::Unreadable(_) | CheckpointProblem::NotSafetensors(_) => {
-                "; give a .safetensors file or the directory of a run"
+                Self::BadInput(message + "; give a .safetensors file or the directory of a run")
             }
-            _ => "",
-        };
-        Self::BadInput(on_one_line(&error) + hint)
+            _ => Self::BadInput(message),
+        }
     }
 }
 
@@ -120,13 +114,11 @@ impl From<NoView> for Failure {
 pub(super) fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
-        match character {
-            '\n' | '\t' => escaped.push(character),
-            steering if steers(steering) => {
-                let mut units = [0; 2];
-                escaped.extend(steering.encode_utf16(&mut units).iter().map(|unit| format!("\\u{unit:04x}")));
-            }
-            character => escaped.push(character),
+        if steers(character) && !matches!(character, '\n' | '\t') {
+            let mut units = [0; 2];
+            escaped.extend(character.encode_utf16(&mut units).iter().map(|unit| format!("\\u{unit:04x}")));
+        } else {
+            escaped.push(character);
         }
     }
     escaped
@@ -144,7 +136,6 @@ pub(super) fn integer<const LOW: u64, const HIGH: u64>(text: &str) -> Result<u64
     number.ok_or_else(|| format!("expected an integer from {LOW} to {HIGH}, in digits alone"))
 }
 
-/// Parses a seed.
 pub(super) fn seed(text: &str) -> Result<u64, String> {
     integer::<0, { u64::MAX }>(text)
 }
@@ -189,10 +180,6 @@ pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failur
 
 /// Refuses `-` as an `--out`: everywhere else it is standard input or output, so that no command would find the directory.
 pub(super) fn check_out(path: &Path) -> Result<(), Failure> {
-    match path.to_str() {
-        Some("-") => Err(Failure::BadInput(
-            "--out -: a directory is needed, not standard output; give a name, such as runs/mine".into(),
-        )),
-        _ => Ok(()),
-    }
+    let problem = "--out -: a directory is needed, not standard output; give a name, such as runs/mine";
+    if path.as_os_str() == "-" { Err(Failure::BadInput(problem.into())) } else { Ok(()) }
 }

@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::Value;
 
 use super::layers::{DEFAULT_NAME, config_name, read_config};
-use super::permission::Programs;
+use super::permission::{SharedPrograms, allow};
 use super::ui::Failure;
 use crate::config::{Config, ConfigError};
 use crate::study::NamedConfig;
@@ -73,20 +73,16 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
         return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));
     }
     for Variation { key, .. } in &arguments.vary {
-        let is_overwritten = |set: &&String| {
-            let below = set.strip_prefix(key.as_str());
-            below.is_some_and(|rest| rest.starts_with(['=', '.']))
-        };
-        if let Some(set) = arguments.set.iter().find(is_overwritten) {
-            return Err(Failure::BadInput(format!(
-                "--vary {key} overwrites --set {}; give one of the two",
-                visible(set)
-            )));
+        let is_below = |set: &str| set.strip_prefix(key).is_some_and(|rest| rest.starts_with(['=', '.']));
+        if let Some(set) = arguments.set.iter().find(|set| is_below(set)) {
+            let set = visible(set);
+            let problem = format!("--vary {key} overwrites --set {set}; give one of the two");
+            return Err(Failure::BadInput(problem));
         }
     }
     let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
     let mut configs: Vec<NamedConfig> = Vec::new();
-    let mut programs = Programs::default();
+    let mut programs = SharedPrograms::default();
     for (stem, origin, text) in &sources {
         let mut seen = BTreeMap::new();
         for variation in &variations {
@@ -116,7 +112,11 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
                     "--config {origin}: two configs are called {stem:?}; rename a file"
                 )));
             }
-            programs.ask_task(&mut config)?;
+            programs.share(&mut config.environment, |program| {
+                allow(program, false);
+                Ok::<_, Failure>(())
+            })?;
+            config.ask_task()?;
             configs.push(NamedConfig::new(name, config)?);
         }
     }
@@ -135,12 +135,9 @@ fn combinations(vary: &[Variation], limit: usize) -> Result<Vec<Vec<String>>, Fa
         if products.len().saturating_mul(values.len()) > limit {
             return Err(Failure::BadInput(format!("--vary makes more than {MAX_CONFIGS} configs")));
         }
-        let extend = |product: &Vec<String>| {
-            values
-                .iter()
-                .map(|value| [&product[..], &[format!("{key}={value}")]].concat())
-                .collect::<Vec<_>>()
-        };
+        let with = |product: &[String], value| [product, &[format!("{key}={value}")]].concat();
+        let extend =
+            |product: &Vec<String>| values.iter().map(|value| with(product, value)).collect::<Vec<_>>();
         products = products.iter().flat_map(extend).collect();
     }
     Ok(products)

@@ -23,7 +23,7 @@ use crate::trainer::{EndReason, Fanout, Observer, Trainer};
 /// code is 0 if every byte agrees, and 1 if not.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn verify runs/my-run")]
-pub(super) struct Arguments {
+pub(super) struct VerifyArguments {
     /// The run directory; nothing in it is changed
     #[arg(value_name = "RUN_DIR")]
     run: PathBuf,
@@ -34,7 +34,7 @@ pub(super) struct Arguments {
     quiet: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     let (run, mut config) = RunDir::open(&arguments.run)?;
     let place = format!("run {}", shown(run.path()));
     arguments.allow.permit(&mut config.environment, &place, false).map_err(Failure::BadInput)?;
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     config.check_memory(1).map_err(Failure::BadInput)?;
-    let folder = temporary_directory().map_err(|error| {
+    let directory = temporary_directory().map_err(|error| {
         let place = shown(&std::env::temp_dir());
         let message = format!(
             "cannot verify: the run is trained again in the temporary directory {place}, which cannot be written: {error}; \
@@ -65,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })?;
     let (mut trainer, init) = first_step(&run, &config)?;
     let signals = Signals::listen();
-    let (again, recorder) = start_again(&folder.path().join("run"), &config, init.as_ref())?;
+    let (again, recorder) = start_again(&directory.path().join("run"), &config, init.as_ref())?;
     let mut observers = Fanout::default();
     observers.0.push(Box::new(recorder));
     if !arguments.quiet {
@@ -104,7 +104,7 @@ fn train(
     Ok(reason)
 }
 
-fn report(differences: &[String], extent: &Extent, arguments: &Arguments) -> Result<(), Failure> {
+fn report(differences: &[String], extent: &Extent, arguments: &VerifyArguments) -> Result<(), Failure> {
     let extent = extent.env_steps.map_or_else(
         || "to its end".into(),
         |last| format!("up to its last checkpoint, at step {last}; it has not ended"),

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use clap::Args;
 
 use super::permission::AllowCommand;
-use super::policy::Place;
+use super::policy::PolicyArguments;
 use super::signals::Signals;
 use super::ui::Failure;
 use crate::text::shown;
@@ -20,9 +20,9 @@ use crate::view;
 /// step, n plays the next seed, r plays the same episode again, q quits.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn watch runs/my-run")]
-pub(super) struct Arguments {
+pub(super) struct WatchArguments {
     #[command(flatten)]
-    place: Place,
+    place: PolicyArguments,
     #[command(flatten)]
     allow: AllowCommand,
     /// Gymnasium seed of the first episode; each later episode has the next seed
@@ -31,17 +31,12 @@ pub(super) struct Arguments {
     seed: u64,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &WatchArguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
     let policy = found.policy()?.greedy(1);
     let signals = Signals::listen_for_view();
-    view::watch(
-        policy,
-        found.make_environment(arguments.allow, true)?,
-        &shown(&found.place),
-        arguments.seed,
-        &signals.stop,
-    )?;
+    let environment = found.make_environment(arguments.allow, true)?;
+    view::watch(policy, environment, &shown(&found.place), arguments.seed, &signals.stop)?;
     if signals.stop.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped".into(), signals.exit_code()));
     }

@@ -89,9 +89,6 @@ pub(super) struct Dashboard {
     /// Until the first policy takes it.
     environment: Option<Box<dyn Environment>>,
     player: Option<Player>,
-    /// Steps of the player that are due.
-    due: f64,
-    rested: Duration,
     /// When and at which step the speed was last measured, and what it was, in steps per second.
     measured: (Instant, u64),
     speed: f64,
@@ -114,8 +111,6 @@ impl Dashboard {
             task: environment.spec().clone(),
             environment: Some(environment),
             player: None,
-            due: 0.0,
-            rested: Duration::ZERO,
             measured: (Instant::now(), 0),
             speed: 0.0,
             ended: false,
@@ -168,22 +163,7 @@ impl Dashboard {
             self.env_steps = self.env_steps.max(allowed_steps);
             self.measure();
         }
-        let Some(player) = &mut self.player else { return };
-        let mut played = Ok(());
-        if player.end.is_some() {
-            self.rested += time;
-            if self.rested >= REST {
-                played = player.start(player.seed + 1);
-                (self.rested, self.due) = (Duration::ZERO, 0.0);
-            }
-        } else {
-            self.due += time.as_secs_f64() * self.task.steps_per_second;
-        }
-        while self.due >= 1.0 && played.is_ok() {
-            self.due -= 1.0;
-            played = player.step();
-        }
-        if played.is_err() {
+        if self.player.as_mut().is_some_and(|player| player.advance(time, 1.0, REST).is_err()) {
             self.player = None;
         }
     }
@@ -244,9 +224,8 @@ impl Dashboard {
             Some(mean) => format!(" • evaluated {mean:.1}, best {:.1} ", self.best),
             None => " learning curve ".into(),
         };
-        let training = self.training.latest;
-        let training =
-            training.map_or_else(String::new, |mean| format!(" ─ mean return in training {mean:.1} "));
+        let training = |mean| format!(" ─ mean return in training {mean:.1} ");
+        let training = self.training.latest.map_or_else(String::new, training);
         let solved: Vec<_> =
             self.task.solved_return.into_iter().flat_map(|y| [(0.0, y), (last as f64, y)]).collect();
         let (low, high) = self.task.return_range;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
 
 use super::dashboard::Dashboard;
-use super::pace::{Brake, Pace, Shared};
+use super::pace::{Pace, Pacer, Shared};
 use super::{FRAME, NoView, Screen, is_quit};
 use crate::agent::Policy;
 use crate::env::Environment;
@@ -36,7 +36,7 @@ pub struct Interrupts {
 /// not shown any longer.
 pub struct Live {
     messages: Sender<Message>,
-    brake: Brake,
+    pacer: Pacer,
     shared: Arc<Shared>,
     stop: Arc<AtomicBool>,
     ended: bool,
@@ -49,8 +49,8 @@ enum Message {
 }
 
 impl Live {
-    /// Opens the view of a run that has done so many steps. The first who quits stops the run at its next step; the second, for whom that takes too
-    /// long, is given the terminal back and calls `end_process`.
+    /// Opens the view of a run that has done so many steps. The first quit stops the run after its current step; a second one
+    /// restores the terminal and calls `end_process`.
     ///
     /// # Errors
     /// There is no terminal, it is too small, or it fails.
@@ -77,15 +77,14 @@ impl Live {
             _closed: Closed(interrupts.clone()),
         };
         let view = thread::Builder::new().name("view".into()).spawn(|| {
-            let end = view.run()?;
-            if matches!(end, End::AtOnce) {
+            if view.run()? {
                 end_process();
             }
             Ok(())
         })?;
         Ok(Self {
             messages,
-            brake: Brake::new(env_steps),
+            pacer: Pacer::new(env_steps),
             shared,
             stop: Arc::clone(&interrupts.stop),
             ended: false,
@@ -106,12 +105,9 @@ fn close_in_panic(shared: &Arc<Shared>) {
 
 impl Observer for Live {
     fn event(&mut self, event: &Event) -> io::Result<()> {
-        match event {
-            Event::Episode { env_steps, .. } | Event::Evaluation { env_steps, .. } => {
-                self.brake.wait(*env_steps, &self.shared, &self.stop);
-            }
-            Event::Statistics { .. } => {}
-            Event::End { .. } => self.ended = true,
+        self.ended |= matches!(event, Event::End { .. });
+        if let Event::Episode { env_steps, .. } | Event::Evaluation { env_steps, .. } = event {
+            self.pacer.wait(*env_steps, &self.shared, &self.stop);
         }
         // A view that has failed has set `stop`.
         let _ = self.messages.send(Message::Event(event.clone()));
@@ -146,25 +142,19 @@ struct View {
     _closed: Closed,
 }
 
-/// Why a view has closed.
-enum End {
-    /// There is nothing more to show.
-    Done,
-    /// Somebody does not want to wait for the next step.
-    AtOnce,
-}
-
 impl View {
-    fn run(mut self) -> io::Result<End> {
+    /// Shows the run until there is nothing more to show. The result is whether somebody does not want to wait for the end of
+    /// the step.
+    fn run(mut self) -> io::Result<bool> {
         let mut last = Instant::now();
         loop {
             self.take_messages();
             if self.interrupts.arrived.swap(false, Ordering::Relaxed) && self.quit(Duration::ZERO) {
-                return Ok(End::AtOnce);
+                return Ok(true);
             }
             let stopped = self.interrupts.stop.load(Ordering::Relaxed);
             if self.shared.closing.load(Ordering::SeqCst) || (stopped && self.dashboard.ended()) {
-                return Ok(End::Done);
+                return Ok(false);
             }
             self.dashboard.advance(last.elapsed(), self.shared.allowed_steps.load(Ordering::Relaxed));
             last = Instant::now();
@@ -178,7 +168,7 @@ impl View {
             while let Some(key) = self.screen.key((2 * FRAME).saturating_sub(last.elapsed()))? {
                 if is_quit(key) {
                     if self.quit(HELD) {
-                        return Ok(End::AtOnce);
+                        return Ok(true);
                     }
                 } else {
                     self.press(key);

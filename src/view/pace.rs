@@ -30,10 +30,8 @@ impl FromStr for Pace {
     fn from_str(text: &str) -> Result<Self, String> {
         let allowed = Self::SLOWEST..=Self::FASTEST;
         let factor = text.strip_suffix('x').unwrap_or(text).parse().ok();
-        factor
-            .filter(|factor| allowed.contains(factor))
-            .map(Self)
-            .ok_or_else(|| format!("expected a factor from {}x to {}x", Self::SLOWEST, Self::FASTEST))
+        let factor = factor.filter(|factor| allowed.contains(factor)).map(Self);
+        factor.ok_or_else(|| format!("expected a factor from {}x to {}x", Self::SLOWEST, Self::FASTEST))
     }
 }
 
@@ -80,16 +78,16 @@ impl Shared {
     }
 }
 
-/// Holds a run back.
+/// Holds a run back to its pace.
 #[derive(Debug)]
-pub(super) struct Brake {
+pub(super) struct Pacer {
     /// Environment steps that the pace has allowed, a share of a step included.
     allowed: f64,
     last: Instant,
 }
 
-impl Brake {
-    /// A brake for a run that has done so many steps.
+impl Pacer {
+    /// For a run that has done so many steps.
     pub(super) fn new(env_steps: u64) -> Self {
         Self { allowed: env_steps as f64, last: Instant::now() }
     }
@@ -102,7 +100,7 @@ impl Brake {
         loop {
             let (pace, paused) = shared.pace();
             let rate = if paused { 0.0 } else { pace.0 * shared.steps_per_second };
-            // A run that is slower than its pace saves nothing up.
+            // A run that falls behind does not catch up later.
             self.allowed = (self.allowed + rate * self.last.elapsed().as_secs_f64()).min(goal);
             self.last = Instant::now();
             shared.allowed_steps.store(self.allowed as u64, Ordering::Relaxed);

@@ -1,5 +1,7 @@
 //! An agent at play, step by step.
 
+use std::time::Duration;
+
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::text::Line;
@@ -34,6 +36,11 @@ pub(super) struct Player {
     pub(super) end: Option<Outcome>,
     /// The returns of the episodes that have ended, and whether there was a push.
     pub(super) returns: Vec<(f64, bool)>,
+    /// The range of the Q-values in this episode.
+    pub(super) q_range: (f32, f32),
+    /// Steps that are due, and how long the end of the episode has stayed.
+    due: f64,
+    rested: Duration,
 }
 
 impl Player {
@@ -57,12 +64,14 @@ impl Player {
             pushed: false,
             end: None,
             returns: Vec::new(),
+            q_range: (0.0, 0.0),
+            due: 0.0,
+            rested: Duration::ZERO,
         };
         player.start(seed)?;
         Ok(player)
     }
 
-    /// What is known of the task.
     pub(super) fn spec(&self) -> &Spec {
         self.environment.spec()
     }
@@ -72,6 +81,8 @@ impl Player {
         self.environment.reset(Start::Seed(seed), &mut self.observation)?;
         (self.seed, self.steps, self.total) = (seed, 0, 0.0);
         (self.push, self.pushed, self.end) = (None, false, None);
+        (self.due, self.rested) = (0.0, Duration::ZERO);
+        self.q_range = (f32::INFINITY, f32::NEG_INFINITY);
         self.see();
         Ok(())
     }
@@ -85,6 +96,28 @@ impl Player {
     fn see(&mut self) {
         self.action = self.policy.act(&self.observation);
         self.q_values = self.policy.q_values();
+        for &q in &self.q_values {
+            self.q_range = (self.q_range.0.min(q), self.q_range.1.max(q));
+        }
+    }
+
+    /// Lets time pass, at a multiple of the environment's speed. The end of an episode stays for `rest`.
+    pub(super) fn advance(
+        &mut self,
+        time: Duration,
+        speed: f64,
+        rest: Duration,
+    ) -> Result<(), EnvironmentError> {
+        if self.end.is_some() {
+            self.rested += time;
+            return if self.rested >= rest { self.start(self.seed.wrapping_add(1)) } else { Ok(()) };
+        }
+        self.due += time.as_secs_f64() * speed * self.spec().steps_per_second;
+        while self.due >= 1.0 {
+            self.due -= 1.0;
+            self.step()?;
+        }
+        Ok(())
     }
 
     /// Replaces the policy's action by this one for the next [`PUSH_STEPS`] steps.

@@ -59,12 +59,6 @@ struct Watch {
     /// Index of [`SPEEDS`].
     speed: usize,
     paused: bool,
-    /// Steps that are due.
-    due: f64,
-    /// How long the end has stayed.
-    rested: Duration,
-    /// The range of the Q-values in this episode.
-    q_range: (f32, f32),
 }
 
 impl Watch {
@@ -74,57 +68,13 @@ impl Watch {
         name: &str,
         seed: u64,
     ) -> Result<Self, EnvironmentError> {
-        let mut view = Self {
-            name: name.into(),
-            player: Player::new(policy, environment, seed)?,
-            speed: SPEEDS.len() / 2,
-            paused: false,
-            due: 0.0,
-            rested: Duration::ZERO,
-            q_range: (0.0, 0.0),
-        };
-        view.start(seed)?;
-        Ok(view)
-    }
-
-    fn start(&mut self, seed: u64) -> Result<(), EnvironmentError> {
-        self.player.start(seed)?;
-        (self.due, self.rested) = (0.0, Duration::ZERO);
-        self.q_range = (f32::INFINITY, f32::NEG_INFINITY);
-        self.measure();
-        Ok(())
-    }
-
-    fn measure(&mut self) {
-        for &q in &self.player.q_values {
-            self.q_range = (self.q_range.0.min(q), self.q_range.1.max(q));
-        }
-    }
-
-    fn step(&mut self) -> Result<(), EnvironmentError> {
-        self.player.step()?;
-        self.measure();
-        Ok(())
+        let player = Player::new(policy, environment, seed)?;
+        Ok(Self { name: name.into(), player, speed: SPEEDS.len() / 2, paused: false })
     }
 
     /// Lets time pass.
     fn advance(&mut self, time: Duration) -> Result<(), EnvironmentError> {
-        if self.paused {
-            return Ok(());
-        }
-        if self.player.end.is_some() {
-            self.rested += time;
-            if self.rested >= REST {
-                self.start(self.player.seed.wrapping_add(1))?;
-            }
-            return Ok(());
-        }
-        self.due += time.as_secs_f64() * SPEEDS[self.speed] * self.player.spec().steps_per_second;
-        while self.due >= 1.0 {
-            self.due -= 1.0;
-            self.step()?;
-        }
-        Ok(())
+        if self.paused { Ok(()) } else { self.player.advance(time, SPEEDS[self.speed], REST) }
     }
 
     fn press(&mut self, key: KeyEvent) -> Result<(), EnvironmentError> {
@@ -140,10 +90,10 @@ impl Watch {
             KeyCode::Char(' ') => self.paused = !self.paused,
             KeyCode::Char('s' | '.') => {
                 self.paused = true;
-                self.step()?;
+                self.player.step()?;
             }
-            KeyCode::Char('n') => self.start(self.player.seed.wrapping_add(1))?,
-            KeyCode::Char('r') => self.start(self.player.seed)?,
+            KeyCode::Char('n') => self.player.start(self.player.seed.wrapping_add(1))?,
+            KeyCode::Char('r') => self.player.start(self.player.seed)?,
             KeyCode::Char('+' | '=') => self.speed = (self.speed + 1).min(SPEEDS.len() - 1),
             KeyCode::Char('-') => self.speed = self.speed.saturating_sub(1),
             _ => {}
@@ -193,13 +143,12 @@ impl Watch {
     /// The state, with as many digits and names as fit.
     fn state(&self, columns: usize) -> String {
         let names = &self.player.spec().observations;
-        let number = |(name, value): (&String, f64), digits: usize, named| match named {
-            true => format!(" {name} {value:+.digits$} "),
-            false => format!(" {value:+.digits$}"),
-        };
-        let state = |(digits, named): (usize, bool)| {
-            let numbers = names.iter().zip(self.player.state());
-            numbers.map(|pair| number(pair, digits, named)).collect::<String>()
+        let state = |(digits, named): (usize, bool)| -> String {
+            let number = |(name, value): (&String, f64)| match named {
+                true => format!(" {name} {value:+.digits$} "),
+                false => format!(" {value:+.digits$}"),
+            };
+            names.iter().zip(self.player.state()).map(number).collect()
         };
         let forms = [(3, true), (2, true), (1, true), (3, false)].into_iter().map(state);
         let whole = forms.into_iter().find(|text| width(text) <= columns);
@@ -212,7 +161,7 @@ impl Watch {
 
     /// A bar for each action, over the range of this episode: the difference that decides is far smaller than either.
     fn draw_values(&self, frame: &mut Frame<'_>, area: Rect) {
-        let (low, high) = self.q_range;
+        let (low, high) = self.player.q_range;
         let block = Block::bordered().title(format!(" Q-values, {low:.2} to {high:.2} in this episode "));
         let names: Vec<_> = (0..self.shown_values()).map(|action| self.player.name_of(action)).collect();
         let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or_default();
@@ -236,12 +185,12 @@ impl Watch {
             return vec![Line::from("returns: none yet")];
         }
         let mean = returns.iter().map(|(total, _)| *total).sum::<f64>() / returns.len() as f64;
-        let latest = returns.iter().rev();
+        let mark = |pushed| if pushed { "*" } else { "" };
         let latest =
-            latest.map(|(total, pushed)| format!(" {}{}", whole(*total), if *pushed { "*" } else { "" }));
+            returns.iter().rev().map(|(total, pushed)| format!(" {}{}", whole(*total), mark(*pushed)));
         let latest = fitting(latest, columns.saturating_sub(22));
-        let marked =
-            if returns.iter().any(|(_, pushed)| *pushed) { "   * with actions of yours" } else { "" };
+        let is_marked = returns.iter().any(|(_, pushed)| *pushed);
+        let marked = if is_marked { "   * with actions of yours" } else { "" };
         vec![
             Line::from(format!("returns, latest first:{latest}")),
             Line::from(format!("mean {mean:.1} of {} episodes{marked}", returns.len())),

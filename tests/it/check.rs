@@ -428,9 +428,9 @@ fn an_update_can_come_from_standard_input_and_a_policy_is_none() {
     sandbox.run(&[&explain[..], &sets(TINY)].concat()).success();
     let right = std::fs::read(sandbox.path("right.safetensors")).unwrap();
     for place in ["-", "/dev/stdin"] {
-        let sent = sandbox.command(&["check", place]).write_stdin(right.clone()).assert().success();
+        let sent = sandbox.assert(sandbox.command(&["check", place]).write_stdin(right.clone())).success();
         assert!(String::from_utf8_lossy(&sent.get_output().stdout).contains("file       standard input"));
-        sandbox.command(&["check", place]).write_stdin(&right[..99]).assert().code(2);
+        sandbox.assert(sandbox.command(&["check", place]).write_stdin(&right[..99])).code(2);
     }
     for policy in ["run/checkpoints/best.safetensors", "run/checkpoints/last.safetensors"] {
         sandbox.refuses(&["check", policy], &["holds a policy", "docs/check.md"]);
@@ -530,5 +530,5 @@ fn a_file_of_very_many_tensors_is_refused_before_they_are_taken_apart() {
     }
     let mut eval = sandbox.command(&["eval", "-"]);
     eval.pipe_stdin(sandbox.path("many.safetensors")).unwrap();
-    eval.assert().code(2).stderr(predicate::str::contains("more than 4096 tensors"));
+    sandbox.assert(&mut eval).code(2).stderr(predicate::str::contains("more than 4096 tensors"));
 }

@@ -1,6 +1,7 @@
 //! The command line: `train`, and what every command has in common. Evaluation is in cli_eval.rs.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -48,7 +49,33 @@ pub(crate) const DIVERGING: &[&str] = &[
     "evaluation.episodes=1",
 ];
 
-/// A fresh folder in which the program runs.
+/// What is in a directory when it is printed: every path with its size in bytes.
+struct Files(PathBuf);
+
+impl Display for Files {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        fn walk(directory: &Path, root: &Path, f: &mut Formatter<'_>) -> fmt::Result {
+            let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+            let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+            paths.sort();
+            for path in paths {
+                let (name, found) = (path.strip_prefix(root).unwrap_or(&path), path.symlink_metadata());
+                match found {
+                    Ok(found) if found.is_dir() => write!(f, "\n  {}/", name.display())?,
+                    Ok(found) => write!(f, "\n  {} ({} bytes)", name.display(), found.len())?,
+                    Err(error) => write!(f, "\n  {}: {error}", name.display())?,
+                }
+                if path.is_dir() && !path.is_symlink() {
+                    walk(&path, root, f)?;
+                }
+            }
+            Ok(())
+        }
+        walk(&self.0, &self.0, f)
+    }
+}
+
+/// A fresh directory in which the program runs.
 pub(crate) struct Sandbox(TempDir);
 
 impl Sandbox {
@@ -87,7 +114,16 @@ impl Sandbox {
     }
 
     pub(crate) fn run(&self, arguments: &[&str]) -> Assert {
-        self.command(arguments).assert()
+        self.assert(&mut self.command(arguments))
+    }
+
+    /// Runs a command. A failed expectation shows it, the sandbox with its files, the exit code, stdout and stderr.
+    pub(crate) fn assert(&self, command: &mut assert_cmd::Command) -> Assert {
+        let directory = self.0.path().to_owned();
+        command
+            .assert()
+            .append_context("directory", directory.display().to_string())
+            .append_context("files", Files(directory))
     }
 
     /// `train` with [`TINY`] settings.
@@ -117,8 +153,8 @@ impl Sandbox {
         let before = self.files();
         let refused = self.run(arguments).code(2).stdout("");
         let message = String::from_utf8(refused.get_output().stderr.clone()).unwrap();
-        assert!(words.iter().all(|word| message.contains(word)), "{arguments:?}: {words:?} not in {message}");
-        assert!(!message.contains("panicked"), "{message}");
+        let is_told = words.iter().all(|word| message.contains(word)) && !message.contains("panicked");
+        assert!(is_told, "stderr has not all of {words:?}\n{refused}");
         let after = self.files();
         assert!(before == after, "{arguments:?}: left {:?} of {:?}", after.keys(), before.keys());
     }
@@ -213,6 +249,33 @@ refusals! {
         [("mine/notes.txt", b"mine")], ["train", "--force", "--out", "mine"] => ["mine", "does not hold a run"];
     does_not_force_away_the_config_of_something_else:
         [("mine/config.json", b"{}")], ["train", "--force", "--out", "mine"] => ["mine", "does not hold a run"];
+}
+
+#[test]
+fn a_failed_expectation_shows_the_command_its_directory_the_files_and_all_output() {
+    let sandbox = Sandbox::new();
+    sandbox.write("mine/notes.txt", "mine");
+    let ended = || sandbox.run(&["config", "show", "--config", "no.json"]);
+    let unmet = [
+        ended().try_success(),
+        ended().try_code(0),
+        ended().try_stdout("something"),
+        ended().try_stderr(predicate::str::is_empty()),
+    ];
+    let directory = sandbox.path("");
+    for unmet in unmet {
+        let shown = unmet.unwrap_err().to_string();
+        let directory = directory.display().to_string();
+        for part in [
+            "\"--config\" \"no.json\"",
+            directory.trim_end_matches('/'),
+            "mine/notes.txt (4 bytes)",
+            "code=2",
+        ] {
+            assert!(shown.contains(part), "{part} is not in {shown}");
+        }
+        assert!(shown.contains("stdout") && shown.contains("stderr") && shown.contains("takes a JSON file"));
+    }
 }
 
 #[test]

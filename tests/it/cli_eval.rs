@@ -191,7 +191,8 @@ fn says_what_a_file_of_another_format_is_and_how_its_weights_are_saved() {
         for command in [&["eval", name][..], &["inspect", name], &["check", name]] {
             sandbox.refuses(command, &words);
         }
-        let sent = sandbox.command(&["eval", "-"]).write_stdin([start, &rest].concat()).assert().code(2);
+        let sent =
+            sandbox.assert(sandbox.command(&["eval", "-"]).write_stdin([start, &rest].concat())).code(2);
         assert!(String::from_utf8_lossy(&sent.get_output().stderr).contains(kind));
     }
 }
@@ -201,8 +202,8 @@ fn standard_input_has_two_names() {
     let sandbox = Sandbox::with_run();
     let best = std::fs::read(sandbox.path(BEST)).unwrap();
     let eval = |place: &str| {
-        let sent =
-            sandbox.command(&["eval", place, "--episodes", "2", "--json"]).write_stdin(best.clone()).assert();
+        let sent = sandbox
+            .assert(sandbox.command(&["eval", place, "--episodes", "2", "--json"]).write_stdin(best.clone()));
         stdout_json(&sent.success())["returns"].clone()
     };
     assert_eq!(eval("-"), eval("/dev/stdin"));
@@ -407,7 +408,9 @@ fn a_trace_overwrites_a_trace_and_nothing_else() {
 fn standard_input_and_output_take_the_place_of_files() {
     let sandbox = Sandbox::with_run();
     let piped = |arguments: &[&str]| {
-        sandbox.command(arguments).write_stdin(fs::read(sandbox.path(BEST)).unwrap()).assert().success()
+        sandbox
+            .assert(sandbox.command(arguments).write_stdin(fs::read(sandbox.path(BEST)).unwrap()))
+            .success()
     };
     let of_file = stdout_json(&sandbox.run(&["eval", "run", "--episodes", "2", "--json"]).success());
     let of_pipe = stdout_json(&piped(&["eval", "-", "--episodes", "2", "--json"]));

@@ -26,12 +26,12 @@ refusals! {
         => [" study --vary optimizer.learning_rate=1e-3,1e-4 --seeds 0..3 --out s\n"];
     tells_explain_how_settings_are_given: [], ["explain", "foo"] => ["'foo'", "--set KEY=VALUE"];
     tells_config_show_how_settings_are_given: [], ["config", "show", "foo"] => ["'foo'", "--set KEY=VALUE"];
-    tells_a_decay_per_episode_from_one_over_steps: [], ["train", "--epsilon-decay", "0.995", "--eps-decay", "8000"]
+    tells_a_decay_per_episode_from_one_over_steps: [], ["train", "--epsilon-decay", "0.995", "--epsilon_decay", "8000"]
         => ["exploration.schedule=per_episode --set exploration.decay=0.995", "exploration.schedule=linear --set exploration.steps=8000"];
-    makes_a_list_of_layers: [], ["train", "--hidden", "64", "64"] => ["--set 'network.hidden=[64,64]'"];
+    makes_a_list_of_layers: [], ["train", "--hidden", "64,64"] => ["--set 'network.hidden=[64,64]'"];
     takes_a_negative_value_along: [], ["train", "--lr", "-0.1"] => ["--set optimizer.learning_rate=-0.1"];
     asks_for_a_value_that_is_missing: [], ["train", "--lr", "--double"]
-        => ["--set optimizer.learning_rate=VALUE --set double=true"];
+        => ["--set optimizer.learning_rate=VALUE --set double=VALUE"];
     knows_every_key_as_an_option: [], ["train", "--replay.warmup_steps", "5", "--beta1", "0.8"]
         => ["--set replay.warmup_steps=5 --set optimizer.beta1=0.8"];
     explains_a_log_interval_that_is_no_integer: [], ["train", "--log-every", "1e3"]
@@ -84,10 +84,10 @@ fn a_word_of_another_program_means_the_same_everywhere() {
         assert!(unknown.iter().all(|word| said.contains(word)), "{said}");
     }
     for (wrong, keys) in [
-        ("epsilom=0.1", &["`exploration.initial`", "`optimizer.epsilon`"][..]),
-        ("exploration.epsilon=0.1", &["`exploration.initial` and `exploration.final`?"]),
+        ("epsilom=0.1", &["`optimizer.epsilon`?"][..]),
+        ("exploration.epsilon=0.1", &["`exploration.initial` and `exploration.final`"]),
         ("optim.lr=0.1", &["`optimizer.learning_rate`?"]),
-        ("memory_sise=9", &["`replay.capacity`?"]),
+        ("evry_steps=9", &["`learn.every_steps`", "`evaluation.every_steps`"]),
     ] {
         sandbox.refuses(&["train", "--set", wrong], &[&["did you mean"], keys].concat());
     }
@@ -106,8 +106,8 @@ fn the_line_to_type_is_accepted() {
         &["--epsilon-start", "0.9", "--epsilon-end", "0.01"],
         &["--epsilon-decay", "0.99", "--epsilon-min", "0.02"],
         &["--epsilon-decay", "5000", "--learning-starts", "500"],
-        &["--hidden", "64,64", "--n-step", "3", "--warmup", "100", "--double", "--huber"],
-        &["--hidden-size", "64", "--tau", "0.01", "--no-double"],
+        &["--hidden", "64,64", "--n-step", "3", "--warmup", "100", "--double=true"],
+        &["--hidden", "64", "--tau", "0.01", "--double", "false"],
         &["--target-update", "500", "--max-grad-norm", "10", "--train-freq", "2", "--gradient-steps", "2"],
         &["--eval-freq", "500", "--eval-episodes", "5", "--save-freq", "1000", "--reward-scale", "0.1"],
         &["--env", "CartPole-v1", "--n_step", "2", "--LR", "0.1", "--loss", "mse"],
@@ -155,7 +155,7 @@ fn no_bytes_in_an_argument_the_environment_or_the_current_directory_are_a_panic(
         &["completions"],
     ];
     for line in lines {
-        let refused = sandbox.command(line).arg(strange).assert();
+        let refused = sandbox.assert(sandbox.command(line).arg(strange));
         let output = refused.get_output();
         assert!([1, 2].contains(&output.status.code().unwrap()), "{line:?}: {output:?}");
         assert!(!output.stderr.contains(&0x1b), "{line:?}: {output:?}");
@@ -170,10 +170,12 @@ fn no_bytes_in_an_argument_the_environment_or_the_current_directory_are_a_panic(
         }
         command.assert().success();
     }
-    sandbox.command(&["report"]).arg(strange_directory.join("c")).env("NO_COLOR", strange).assert().success();
+    sandbox
+        .assert(sandbox.command(&["report"]).arg(strange_directory.join("c")).env("NO_COLOR", strange))
+        .success();
     let out = ["train", "--quiet", "--out"];
-    sandbox.command(&out).arg(strange_directory.join("d")).args(sets(TINY)).assert().success();
-    sandbox.command(&["verify"]).arg(strange_directory.join("d")).assert().success();
+    sandbox.assert(sandbox.command(&out).arg(strange_directory.join("d")).args(sets(TINY))).success();
+    sandbox.assert(sandbox.command(&["verify"]).arg(strange_directory.join("d"))).success();
 }
 
 #[test]
@@ -181,16 +183,17 @@ fn a_config_is_read_from_standard_input() {
     let sandbox = Sandbox::new();
     let config = "{\"gamma\": 0.5}";
     let arguments = [&["train", "--quiet", "--config", "-"], &sets(TINY)[..]].concat();
-    sandbox.command(&arguments).write_stdin(config).assert().success();
+    sandbox.assert(sandbox.command(&arguments).write_stdin(config)).success();
     let name = fs::read_dir(sandbox.path("runs")).unwrap().next().unwrap().unwrap().file_name();
     let name = name.into_string().unwrap();
     assert!(name.starts_with("stdin-s0-"), "{name}");
     assert_eq!(sandbox.json(&format!("runs/{name}/config.json"))["gamma"], 0.5);
-    let shown = sandbox.command(&["config", "show", "--config", "-"]).write_stdin(config).assert().success();
+    let shown =
+        sandbox.assert(sandbox.command(&["config", "show", "--config", "-"]).write_stdin(config)).success();
     shown.stdout(predicate::str::contains("gamma=0.5\n"));
     let arguments =
         [&["study", "--quiet", "--config", "-", "--seeds", "0..1", "--out", "s"], &sets(TINY)[..]];
-    sandbox.command(&arguments.concat()).write_stdin(config).assert().success();
+    sandbox.assert(sandbox.command(&arguments.concat()).write_stdin(config)).success();
     assert_eq!(sandbox.json("s/study.json")["configs"][0]["name"], "stdin");
 }
 

@@ -160,6 +160,7 @@ fn a_page_replaces_a_page_and_nothing_else() {
         sandbox.refuses(&["report", "run", "--html", file], &[file, "not a page of `report`"]);
     }
     sandbox.refuses(&["report", "run", "--html", "run"], &["a directory"]);
+    sandbox.refuses(&["report", "run", "--html", "no/p.html"], &["--html no/p.html", "No such file"]);
     // The page is part of the run: --force may replace both.
     sandbox.train(&["--out", "run", "--force"]).success();
     assert!(!sandbox.path("run/report.html").exists());
@@ -184,7 +185,6 @@ fn runs_of_the_same_name_are_told_apart_and_a_page_goes_to_standard_output() {
 }
 
 refusals! {
-    refuses_a_page_in_a_missing_directory: [("r/metrics.jsonl", b"")], ["report", "r", "--html", "no/p.html"] => ["no directory no"];
     refuses_a_page_of_nothing: [], ["report", "--html", "page.html"] => ["DIR"];
     refuses_a_page_of_something_else: [("r/notes.txt", b"mine")], ["report", "r", "--html", "page.html"] => ["r: is neither a study", "nor a run"];
     refuses_several_folders_without_a_page: [], ["report", "a", "b"] => ["several directories need --html"];

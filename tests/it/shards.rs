@@ -37,7 +37,7 @@ fn a_plan_is_run_from_its_directory_alone() {
         sandbox.run(&["study", "planned", "--quiet", "--shard", shard]).success().stdout("");
     }
     counts("8", "4");
-    let printed = sandbox.run(&["study", "--resume", "planned", "--shard", "1/3"]).success();
+    let printed = sandbox.run(&["study", "planned", "--shard", "1/3"]).success();
     assert!(String::from_utf8_lossy(&printed.get_output().stdout).starts_with("trials     4 of this shard"));
     counts("12", "0");
     // The plan is the study.

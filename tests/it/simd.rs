@@ -5,16 +5,17 @@ use cartpole_dqn::nn::kernels::InstructionSet;
 use crate::cli::Sandbox;
 
 fn train(sandbox: &Sandbox, instruction_set: &str, out: &str) -> assert_cmd::assert::Assert {
-    sandbox
-        .command(&[
-            "train",
-            "--config",
-            concat!(env!("CARGO_MANIFEST_DIR"), "/configs/smoke.json"),
-            "--out",
-            out,
-        ])
-        .env(InstructionSet::VARIABLE, instruction_set)
-        .assert()
+    sandbox.assert(
+        sandbox
+            .command(&[
+                "train",
+                "--config",
+                concat!(env!("CARGO_MANIFEST_DIR"), "/configs/smoke.json"),
+                "--out",
+                out,
+            ])
+            .env(InstructionSet::VARIABLE, instruction_set),
+    )
 }
 
 #[test]

@@ -27,12 +27,12 @@ fn waited(pace: Pace, paused: bool, stop: bool, env_steps: u64) -> Duration {
     let shared = Shared::new(pace, 50.0, 0);
     shared.set_pace(pace, paused);
     let start = Instant::now();
-    Brake::new(0).wait(env_steps, &shared, &AtomicBool::new(stop));
+    Pacer::new(0).wait(env_steps, &shared, &AtomicBool::new(stop));
     start.elapsed()
 }
 
 #[test]
-fn the_brake_holds_a_run_back_to_its_pace_unless_it_is_stopped() {
+fn the_pacer_holds_a_run_back_to_its_pace_unless_it_is_stopped() {
     assert!(waited(Pace(10.0), false, false, 100) >= Duration::from_millis(199), "100 steps at 500/s");
     // A day of steps: would never end.
     for (pace, paused, stop) in
@@ -48,7 +48,7 @@ fn a_resumed_run_is_held_back_from_its_own_step_on() {
     assert_eq!(shared.allowed_steps.load(Ordering::Relaxed), 1_000_000);
     let start = Instant::now();
     // From step 0 on it would be six hours.
-    Brake::new(1_000_000).wait(1_000_010, &shared, &AtomicBool::new(false));
+    Pacer::new(1_000_000).wait(1_000_010, &shared, &AtomicBool::new(false));
     assert!(start.elapsed() >= Duration::from_millis(199));
 }
 
@@ -57,7 +57,7 @@ fn a_pause_ends_when_the_pace_is_full() {
     let shared = Shared::new(Pace(1.0), 50.0, 0);
     shared.set_pace(Pace(1.0), true);
     std::thread::scope(|scope| {
-        let waiting = scope.spawn(|| Brake::new(0).wait(1000, &shared, &AtomicBool::new(false)));
+        let waiting = scope.spawn(|| Pacer::new(0).wait(1000, &shared, &AtomicBool::new(false)));
         std::thread::sleep(Duration::from_millis(50));
         assert!(!waiting.is_finished());
         shared.set_pace(Pace::FULL, false);
