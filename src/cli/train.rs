@@ -126,10 +126,9 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
         Some(_) => signals::asked(),
     };
     if arguments.json {
-        let mut record = json!(RunRecord::new(&run, &trainer, EndReason::Interrupted, seconds));
-        if exit_code.is_none() {
-            record["end_reason"] = json!("failed");
-        }
+        // No file says that a run was stopped or failed, so these are no reasons of a record.
+        let mut record = json!(RunRecord::new(&run, &trainer, EndReason::Budget, seconds));
+        record["end_reason"] = json!(if exit_code.is_some() { "interrupted" } else { "failed" });
         if let Some(error) = &error {
             record["error"] = json!(error.to_string());
         }
