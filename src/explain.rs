@@ -10,7 +10,6 @@ use crate::trainer::{Event, TrainError};
 
 /// An update of a run.
 #[derive(Clone, Debug)]
-#[allow(missing_docs)]
 pub struct ExplainedUpdate {
     pub seed: u64,
     pub config: DqnConfig,
@@ -21,17 +20,16 @@ pub struct ExplainedUpdate {
     /// The agent just before the update, and just after it.
     pub before: Dqn,
     pub after: Dqn,
-    pub minibatch: Minibatch,
+    pub(crate) minibatch: Minibatch,
     /// The TD targets, (batch).
     pub targets: Vec<f32>,
     pub loss: f32,
     /// The gradient as Adam got it.
-    pub gradient: Mlp<f32>,
+    pub(crate) gradient: Mlp<f32>,
 }
 
 /// Why there is no such update.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum ExplainError {
     #[error(
         "the run ends after update {0}; give --update a number from 1 to that, or let the run be longer: a larger \
@@ -108,12 +106,12 @@ pub fn explain(config: &Config, number: u64) -> Result<ExplainedUpdate, ExplainE
 
 impl ExplainedUpdate {
     /// The network that values the next observations.
-    pub fn target(&self) -> &Mlp<f32> {
+    pub(crate) fn target(&self) -> &Mlp<f32> {
         if self.has_target() { &self.before.target.mlp } else { &self.before.online.mlp }
     }
 
     /// Whether that is another one than the one that learns.
-    pub fn has_target(&self) -> bool {
+    pub(crate) fn has_target(&self) -> bool {
         self.config.target != TargetUpdate::None
     }
 

@@ -65,10 +65,7 @@ impl Directory {
     }
 
     /// Writes a value whole as indented JSON.
-    ///
-    /// # Errors
-    /// See [`Self::write_whole`].
-    pub fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
+    pub(crate) fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
         self.write_whole(path, None, |file| {
             serde_json::to_writer_pretty(&mut *file, value)?;
             file.write_all(b"\n")
@@ -76,10 +73,7 @@ impl Directory {
     }
 
     /// As [`Self::write_json`], where there is no file yet.
-    ///
-    /// # Errors
-    /// See there, and [`io::ErrorKind::AlreadyExists`].
-    pub fn write_json_new(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
+    pub(crate) fn write_json_new(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
         let unfinished = Unfinished::new(self, path)?;
         let mut text = serde_json::to_vec_pretty(value)?;
         text.push(b'\n');
@@ -114,18 +108,12 @@ impl Directory {
     }
 
     /// Fails where no file can be made beside `path`.
-    ///
-    /// # Errors
-    /// Then.
-    pub fn check_writable(&self, path: &Path) -> io::Result<()> {
+    pub(crate) fn check_writable(&self, path: &Path) -> io::Result<()> {
         Unfinished::new(self, path).map(drop)
     }
 
     /// Removes what killed processes have left half-written in a directory. What a process still writes there stays.
-    ///
-    /// # Errors
-    /// When the directory cannot be read or a file in it not removed.
-    pub fn remove_unfinished(&self, folder: &Path) -> io::Result<()> {
+    pub(crate) fn remove_unfinished(&self, folder: &Path) -> io::Result<()> {
         for entry in fs::read_dir(folder)? {
             let entry = entry?;
             if is_unfinished(&entry.file_name()) {
@@ -136,10 +124,7 @@ impl Directory {
     }
 
     /// Removes an unfinished file, unless a process still writes it.
-    ///
-    /// # Errors
-    /// When it cannot be removed.
-    pub fn remove_abandoned(&self, path: &Path) -> io::Result<()> {
+    pub(crate) fn remove_abandoned(&self, path: &Path) -> io::Result<()> {
         let file = if path.is_symlink() { None } else { open_ordinary(path).ok() };
         if file.as_ref().is_some_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock))) {
             return Ok(());
@@ -149,10 +134,7 @@ impl Directory {
     }
 
     /// Removes a file, which may be missing.
-    ///
-    /// # Errors
-    /// When it cannot be removed.
-    pub fn remove_if_there(&self, path: &Path) -> io::Result<()> {
+    pub(crate) fn remove_if_there(&self, path: &Path) -> io::Result<()> {
         match self.remove_file(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
             removed => removed,
@@ -169,7 +151,7 @@ fn own_unfinished() -> MutexGuard<'static, Vec<(Directory, PathBuf)>> {
 
 /// Removes every file that this process has not finished. No new one is made while the result lives, and no thread gets
 /// past the end of a write: the process is about to end.
-pub fn remove_own_unfinished() -> impl Drop {
+pub(crate) fn remove_own_unfinished() -> impl Drop {
     let files = own_unfinished();
     files.iter().for_each(|(directory, path)| drop(directory.remove_file(path)));
     files
@@ -212,7 +194,7 @@ impl Drop for Unfinished<'_> {
 }
 
 /// A part of a name that no other process on any machine has.
-pub fn random_name() -> String {
+pub(crate) fn random_name() -> String {
     format!("{:016x}", RandomState::new().hash_one(std::process::id()))
 }
 
@@ -229,10 +211,7 @@ fn without_name(error: io::Error, path: &Path) -> io::Error {
 }
 
 /// Opens an ordinary file to read it: a pipe could wait for ever, a device have no end.
-///
-/// # Errors
-/// When it is something else or cannot be opened.
-pub fn open_ordinary(path: &Path) -> io::Result<File> {
+pub(crate) fn open_ordinary(path: &Path) -> io::Result<File> {
     if fs::metadata(path)?.is_file() { File::open(path) } else { Err(not_ordinary()) }
 }
 
@@ -244,7 +223,7 @@ fn not_ordinary() -> io::Error {
 ///
 /// # Errors
 /// When it is larger, or not an ordinary file, or cannot be read, or the memory does not suffice.
-pub fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
+pub(crate) fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     let file = open_ordinary(path)?;
     let size = file.metadata()?.len();
     let too_large = || {
@@ -261,25 +240,19 @@ pub fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
 }
 
 /// As [`read_limited`], as text.
-///
-/// # Errors
-/// See there, and when it is not UTF-8.
-pub fn read_text_limited(path: &Path, max_bytes: u64) -> io::Result<String> {
+pub(crate) fn read_text_limited(path: &Path, max_bytes: u64) -> io::Result<String> {
     let text = String::from_utf8(read_limited(path, max_bytes)?);
     text.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }
 
 /// Whether a file's name is that of an unfinished one, which a killed process leaves behind.
-pub fn is_unfinished(name: &OsStr) -> bool {
+pub(crate) fn is_unfinished(name: &OsStr) -> bool {
     name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX))
 }
 
 /// Makes a directory and those above it; returns those that it made, the innermost first. On an error it removes them
 /// again.
-///
-/// # Errors
-/// When one cannot be made.
-pub fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
+pub(crate) fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
     let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
     let mut missing: Vec<PathBuf> = path.ancestors().take_while(is_missing).map(Path::to_owned).collect();
     let mut made = Vec::new();
@@ -297,14 +270,11 @@ pub fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
 }
 
 /// Removes those directories that are empty, the innermost first.
-pub fn remove_empty(folders: &[PathBuf]) {
+pub(crate) fn remove_empty(folders: &[PathBuf]) {
     folders.iter().for_each(|folder| drop(fs::remove_dir(folder)));
 }
 
 /// A directory of the system for temporary files, which goes with the result.
-///
-/// # Errors
-/// When it cannot be made.
-pub fn temporary_directory() -> io::Result<tempfile::TempDir> {
+pub(crate) fn temporary_directory() -> io::Result<tempfile::TempDir> {
     tempfile::tempdir()
 }

@@ -38,6 +38,9 @@
 //! - *td_target, td_error*: y = r + γ max Q_target(s′, ·), and Q(s, a) − y.
 //! - *epsilon*: probability of a random action. *gamma*: discount factor.
 
+// Without the command line parts of the rooms have no user.
+#![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
+
 pub mod agent;
 #[cfg(feature = "files")]
 pub mod check;

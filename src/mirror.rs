@@ -15,7 +15,7 @@ pub struct Mirror {
 
 impl Mirror {
     /// Whether this is the mirror of a task with such sizes. Its own image is no other than the original.
-    pub fn fits(&self, observation_size: usize, num_actions: usize) -> bool {
+    pub(crate) fn fits(&self, observation_size: usize, num_actions: usize) -> bool {
         let image = |&(j, factor): &(usize, f32)| {
             let (i, back) = *self.observation.get(j)?;
             (factor * back == 1.0).then_some(i)

@@ -30,14 +30,16 @@ pub struct Rng {
 
 impl Rng {
     /// Where the stream is, for a checkpoint: state and increment of PCG64, the low half of each first.
-    pub fn to_words(&self) -> [u64; 4] {
+    pub(crate) fn to_words(&self) -> [u64; 4] {
         let Self { state, increment } = *self;
         [state as u64, (state >> 64) as u64, increment as u64, (increment >> 64) as u64]
     }
 
     /// The inverse of [`Self::to_words`]. None for an even increment, with which the period would be shorter, down to 1: a
     /// draw that is repeated until it fits would hang.
-    pub fn from_words([state_low, state_high, increment_low, increment_high]: [u64; 4]) -> Option<Self> {
+    pub(crate) fn from_words(
+        [state_low, state_high, increment_low, increment_high]: [u64; 4],
+    ) -> Option<Self> {
         let (state, increment) = (join(state_high, state_low), join(increment_high, increment_low));
         (!increment.is_multiple_of(2)).then_some(Self { state, increment })
     }
@@ -65,7 +67,7 @@ impl Rng {
     }
 
     /// 64 random bits: both halves of the next state, mixed and rotated by its highest six bits.
-    pub fn next_u64(&mut self) -> u64 {
+    pub(crate) fn next_u64(&mut self) -> u64 {
         self.step();
         let mixed = (self.state >> 64) as u64 ^ self.state as u64;
         mixed.rotate_right((self.state >> 122) as u32)

@@ -15,7 +15,7 @@ const MAX_UNITS: usize = 1 << 16;
 const MAX_TENSORS: usize = 4096;
 
 /// The JSON header of a safetensors file, as far as the file goes.
-pub fn header_of(file: &[u8]) -> &[u8] {
+pub(crate) fn header_of(file: &[u8]) -> &[u8] {
     let Some((length, rest)) = file.split_first_chunk() else { return &[] };
     let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
     &rest[..rest.len().min(length)]
@@ -23,10 +23,7 @@ pub fn header_of(file: &[u8]) -> &[u8] {
 
 /// Refuses a file with more tensors than any policy, checkpoint or update has, by its header: to take them apart would take
 /// long.
-///
-/// # Errors
-/// Then: what is wrong.
-pub fn check_count(header: &[u8]) -> Result<(), String> {
+pub(crate) fn check_count(header: &[u8]) -> Result<(), String> {
     const FIELD: &[u8] = b"\"data_offsets\"";
     // Each tensor has the field once.
     let is_field = |at: &usize| header[*at..].starts_with(FIELD);
@@ -51,7 +48,6 @@ struct Tensor {
 
 /// What is wrong with a tensor, or with what several of them should be together.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum TensorError {
     #[error("has no tensor `{0}`")]
     Missing(String),
@@ -123,7 +119,7 @@ impl View for &Tensor {
 
 impl Tensors {
     /// The tensors in the bytes of a safetensors file.
-    pub fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
+    pub(crate) fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
         let file = SafeTensors::deserialize(bytes)?;
         let tensors = file.iter().map(|(name, view)| {
             let tensor =
@@ -142,7 +138,7 @@ impl Tensors {
     }
 
     /// Name, type and shape of every tensor, by name.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, Dtype, &[usize])> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (&str, Dtype, &[usize])> {
         self.0.iter().map(|(name, tensor)| (name.as_str(), tensor.dtype, tensor.shape.as_slice()))
     }
 
@@ -162,12 +158,12 @@ impl Tensors {
     }
 
     /// The one value of a tensor.
-    pub fn get_one<T: Element>(&self, name: &str) -> Result<T, TensorError> {
+    pub(crate) fn get_one<T: Element>(&self, name: &str) -> Result<T, TensorError> {
         self.get(name, &[1])?.into_iter().next().ok_or_else(|| TensorError::Missing(name.to_owned()))
     }
 
     /// A tensor's shape.
-    pub fn shape(&self, name: &str) -> Result<&[usize], TensorError> {
+    pub(crate) fn shape(&self, name: &str) -> Result<&[usize], TensorError> {
         Ok(&self.tensor(name)?.shape)
     }
 
@@ -177,7 +173,7 @@ impl Tensors {
 
     /// Adds a network as `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, …: the names that a
     /// `torch.nn.Sequential` of Linear and ReLU gives them.
-    pub fn put_network(&mut self, prefix: &str, network: &Mlp<f32>) {
+    pub(crate) fn put_network(&mut self, prefix: &str, network: &Mlp<f32>) {
         for (index, sizes) in network.sizes().windows(2).enumerate() {
             let (weight, bias) = torch_layer(network, index);
             self.put(&format!("{prefix}{}.weight", 2 * index), &[sizes[1], sizes[0]], &weight);
@@ -266,19 +262,19 @@ impl Tensors {
     }
 
     /// Adds the place of a stream of random numbers, shape (4), U64.
-    pub fn put_rng(&mut self, name: &str, rng: &Rng) {
+    pub(crate) fn put_rng(&mut self, name: &str, rng: &Rng) {
         self.put(name, &[4], &rng.to_words());
     }
 
     /// A stream of random numbers at the place of [`Self::put_rng`].
-    pub fn get_rng(&self, name: &str) -> Result<Rng, TensorError> {
+    pub(crate) fn get_rng(&self, name: &str) -> Result<Rng, TensorError> {
         let words = self.get::<u64>(name, &[4])?.try_into().ok().and_then(Rng::from_words);
         words.ok_or(TensorError::Inconsistent("generator of random numbers"))
     }
 }
 
 /// What a file is that begins so and is of another format, and how its weights get into a safetensors file.
-pub fn foreign_format(start: &[u8]) -> Option<String> {
+pub(crate) fn foreign_format(start: &[u8]) -> Option<String> {
     const TORCH: &str =
         "from safetensors.torch import save_file; save_file(q_network.state_dict(), \"policy.safetensors\")";
     const KERAS: &str = "from safetensors.numpy import save_file; save_file({f\"{2 * i}.{n}\": w.T.copy() for i, layer in \
@@ -321,7 +317,12 @@ fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
 }
 
 /// Fills a layer from its weight as [out, in] and its bias.
-pub fn set_torch_layer<T: Kernels>(network: &mut Mlp<T>, layer: usize, torch_weight: &[T], torch_bias: &[T]) {
+pub(crate) fn set_torch_layer<T: Kernels>(
+    network: &mut Mlp<T>,
+    layer: usize,
+    torch_weight: &[T],
+    torch_bias: &[T],
+) {
     let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
     let (weight, bias) = network.layer_mut(layer).split_at_mut(inputs * outputs);
     for (position, value) in weight.iter_mut().enumerate() {

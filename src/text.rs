@@ -5,11 +5,11 @@ use std::path::Path;
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 /// Columns that every table and message fits.
-pub const COLUMNS: usize = 80;
+pub(crate) const COLUMNS: usize = 80;
 /// A column of names is not made narrower than this.
-pub const LEAST_NAME: usize = 8;
+pub(crate) const LEAST_NAME: usize = 8;
 /// What is between two columns of a table.
-pub const GAP: &str = "  ";
+pub(crate) const GAP: &str = "  ";
 
 /// Whether a character could steer a terminal, break or reorder a line, or hide in it.
 pub fn steers(c: char) -> bool {
@@ -33,7 +33,7 @@ pub fn steers(c: char) -> bool {
 }
 
 /// A name as it can be shown anywhere: characters for which [`steers`] holds become their escapes.
-pub fn visible(text: &str) -> String {
+pub(crate) fn visible(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
         if steers(c) { shown.extend(c.escape_default()) } else { shown.push(c) }
@@ -42,12 +42,12 @@ pub fn visible(text: &str) -> String {
 }
 
 /// A path as it can be shown anywhere: see [`visible`].
-pub fn shown(path: &Path) -> String {
+pub(crate) fn shown(path: &Path) -> String {
     visible(&path.to_string_lossy())
 }
 
 /// The beginning of a text, for a message: at most `length` characters, and `…` for the rest. See [`visible`].
-pub fn excerpt(text: &str, length: usize) -> String {
+pub(crate) fn excerpt(text: &str, length: usize) -> String {
     let text = text.trim_end();
     let start = text.char_indices().nth(length).map_or(text, |(end, _)| &text[..end]);
     visible(start) + if start.len() < text.len() { "…" } else { "" }
@@ -55,7 +55,7 @@ pub fn excerpt(text: &str, length: usize) -> String {
 
 /// A word as it can be typed into a shell, in one line. A word with characters that nobody sees is written as `$'…'`, which
 /// bash, zsh and ksh know, and these characters as their bytes.
-pub fn shell_word(word: &str) -> String {
+pub(crate) fn shell_word(word: &str) -> String {
     let is_unseen = |c: char| steers(c) || c.width() == Some(0);
     let is_plain = |c: char| c.is_alphanumeric() || "/:._-+=,".contains(c) || (cfg!(windows) && c == '\\');
     if word.chars().any(is_unseen) {
@@ -99,7 +99,7 @@ pub fn shell_line(command: &[String]) -> String {
 const MAX_MESSAGE: usize = 4000;
 
 /// A message that has a limit whatever stands in it, a name or a value of any length: its middle is left out.
-pub fn limited(text: &str) -> std::borrow::Cow<'_, str> {
+pub(crate) fn limited(text: &str) -> std::borrow::Cow<'_, str> {
     let nth = |n: usize| text.char_indices().nth(n).map(|(at, _)| at);
     if nth(MAX_MESSAGE).is_none() {
         return text.into();
@@ -111,7 +111,7 @@ pub fn limited(text: &str) -> std::borrow::Cow<'_, str> {
 }
 
 /// Columns that a text takes in a terminal.
-pub fn width(text: &str) -> usize {
+pub(crate) fn width(text: &str) -> usize {
     text.width()
 }
 
@@ -126,7 +126,7 @@ fn fitting(characters: impl Iterator<Item = char>, columns: usize) -> Vec<char> 
 }
 
 /// A text of at most `columns`, with `…` for the middle where it is longer.
-pub fn shortened(text: &str, columns: usize) -> String {
+pub(crate) fn shortened(text: &str, columns: usize) -> String {
     if width(text) <= columns {
         return text.to_owned();
     }
@@ -138,7 +138,7 @@ pub fn shortened(text: &str, columns: usize) -> String {
 
 /// Names of configs, or of anything else that is told apart by its words, in at most so many columns. Where one is wider, all go
 /// without the words that they share, for which `…` stands. Where one still is, `key=value` stands for `path.key=value`.
-pub fn labels(names: &[&str], columns: usize) -> Vec<String> {
+pub(crate) fn labels(names: &[&str], columns: usize) -> Vec<String> {
     let fit = |names: &[String]| names.iter().all(|name| width(name) <= columns);
     let names: Vec<String> = names.iter().map(|name| visible(name)).collect();
     if fit(&names) {
@@ -168,7 +168,7 @@ pub fn labels(names: &[&str], columns: usize) -> Vec<String> {
 }
 
 /// The lines of a text, none wider than `columns`; a word that is wider is cut.
-pub fn lines(text: &str, columns: usize) -> Vec<String> {
+pub(crate) fn lines(text: &str, columns: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     let mut taken = 0;
     for word in text.split_whitespace() {
@@ -195,7 +195,7 @@ pub fn lines(text: &str, columns: usize) -> Vec<String> {
 }
 
 /// A text in lines of at most [`COLUMNS`], all but the first indented by so many spaces.
-pub fn wrapped(text: &str, indent: usize) -> String {
+pub(crate) fn wrapped(text: &str, indent: usize) -> String {
     // The first line is indented by what it begins with.
     let own = text.len() - text.trim_start().len();
     let margin = indent.max(own);
@@ -205,7 +205,7 @@ pub fn wrapped(text: &str, indent: usize) -> String {
 
 /// Rows below a heading, no line wider than [`COLUMNS`]: the second column holds names, which are shortened as far as
 /// that takes; the other columns are aligned to the right.
-pub fn table(rows: &[Vec<String>]) -> String {
+pub(crate) fn table(rows: &[Vec<String>]) -> String {
     const NAMES: usize = 1;
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let widest =
@@ -232,7 +232,7 @@ pub fn table(rows: &[Vec<String>]) -> String {
 }
 
 /// The names that their labels shorten, in full; nothing if none does.
-pub fn legend<'a>(names: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+pub(crate) fn legend<'a>(names: impl Iterator<Item = (&'a str, &'a str)>) -> String {
     let shortened = names.map(|(label, name)| (label, visible(name))).filter(|(label, name)| label != name);
     let names: String = shortened.map(|(label, name)| wrapped(&format!("  {label}: {name}"), 4)).collect();
     if names.is_empty() { names } else { format!("Names in full:\n{names}") }

@@ -14,7 +14,6 @@ use crate::nn::{Activations, Adam, Loss, Mlp, NetworkConfig, OptimizerConfig, cl
 use crate::rng::{Rng, Stream};
 use crate::tensors::{TensorError, Tensors, weights_sha256};
 
-/// The agent.
 #[derive(Clone, Debug)]
 pub struct Dqn {
     config: DqnConfig,
@@ -119,22 +118,21 @@ fn finite(loss: f32, gradient: &Mlp<f32>, weights_are_finite: bool) -> Result<f3
 
 /// Settings of [`Dqn`]. Each is a key of the config, see `config::keys`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
 pub struct DqnConfig {
     pub network: NetworkConfig,
     pub optimizer: OptimizerConfig,
     pub loss: Loss,
     pub gamma: f64,
-    pub n_step: usize,
+    pub(crate) n_step: usize,
     pub double: bool,
     pub replay: ReplayConfig,
     pub learn: LearnConfig,
     pub exploration: Exploration,
     pub target: TargetUpdate,
-    pub truncation_is_terminal: bool,
+    pub(crate) truncation_is_terminal: bool,
     pub observation_divisors: Option<Vec<f64>>,
-    pub reward_scale: f64,
-    pub policy_weights: PolicyWeights,
+    pub(crate) reward_scale: f64,
+    pub(crate) policy_weights: PolicyWeights,
 }
 
 /// When to learn.
@@ -209,7 +207,7 @@ impl Dqn {
     }
 
     /// The minibatch of the latest update, its targets, and its gradient as Adam got it.
-    pub fn latest_update(&self) -> (&Minibatch, &[f32], &Mlp<f32>) {
+    pub(crate) fn latest_update(&self) -> (&Minibatch, &[f32], &Mlp<f32>) {
         let Buffers { minibatch, targets, gradient, .. } = &self.buffers;
         (minibatch, targets, gradient)
     }

@@ -45,21 +45,21 @@ fn once() -> u32 {
 
 impl Exploration {
     /// The most steps in a row for which a random action is taken, at least 1.
-    pub fn repeat(&self) -> u32 {
+    pub(crate) fn repeat(&self) -> u32 {
         match *self {
             Self::PerEpisode { repeat, .. } | Self::Linear { repeat, .. } => repeat,
         }
     }
 
     /// ε at the start of a run.
-    pub fn initial_epsilon(&self) -> f64 {
+    pub(crate) fn initial_epsilon(&self) -> f64 {
         match *self {
             Self::PerEpisode { initial, .. } | Self::Linear { initial, .. } => initial,
         }
     }
 
     /// ε after `env_steps` environment steps of the run.
-    pub fn after_step(&self, epsilon: f64, env_steps: u64) -> f64 {
+    pub(crate) fn after_step(&self, epsilon: f64, env_steps: u64) -> f64 {
         match *self {
             Self::PerEpisode { .. } => epsilon,
             Self::Linear { final_, steps, .. } if env_steps >= steps => final_,
@@ -70,7 +70,7 @@ impl Exploration {
     }
 
     /// ε after an episode.
-    pub fn after_episode(&self, epsilon: f64) -> f64 {
+    pub(crate) fn after_episode(&self, epsilon: f64) -> f64 {
         match *self {
             Self::PerEpisode { final_, decay, .. } if epsilon > final_ => epsilon * decay,
             Self::PerEpisode { .. } | Self::Linear { .. } => epsilon,
@@ -86,7 +86,7 @@ pub struct EpsilonGreedy {
     /// Probability that a step begins to explore.
     pub epsilon: f64,
     /// Draws whether to explore, the action and its duration.
-    pub rng: Rng,
+    pub(crate) rng: Rng,
     /// The random action that is taken, and for how many more steps.
     held: (usize, u64),
 }
@@ -98,7 +98,7 @@ impl EpsilonGreedy {
     }
 
     /// A random action, or none if the greedy action is to be taken.
-    pub fn explore(&mut self, num_actions: usize) -> Option<usize> {
+    pub(crate) fn explore(&mut self, num_actions: usize) -> Option<usize> {
         if self.held.1 > 0 {
             self.held.1 -= 1;
             return Some(self.held.0);
@@ -115,12 +115,12 @@ impl EpsilonGreedy {
     }
 
     /// Follows the schedule after `env_steps` environment steps of the run.
-    pub fn after_step(&mut self, env_steps: u64) {
+    pub(crate) fn after_step(&mut self, env_steps: u64) {
         self.epsilon = self.schedule.after_step(self.epsilon, env_steps);
     }
 
     /// Follows the schedule after an episode, with which the repetition of an action ends too.
-    pub fn after_episode(&mut self) {
+    pub(crate) fn after_episode(&mut self) {
         self.epsilon = self.schedule.after_episode(self.epsilon);
         self.held.1 = 0;
     }

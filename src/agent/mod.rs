@@ -21,21 +21,37 @@ use crate::mirror::Mirror;
 use crate::nn::LearningRate;
 use crate::tensors::{TensorError, Tensors};
 
-pub use dqn::{Dqn, DqnConfig, LearnConfig};
-pub use exploration::{EpsilonGreedy, Exploration};
-pub use policy::{Actor, Greedy, Policy};
-pub use q_learning::{Bins, QLearning, QTableConfig, TableConfig};
-pub use q_network::QNetwork;
+pub use dqn::Dqn;
+pub use dqn::DqnConfig;
+pub(crate) use dqn::LearnConfig;
+pub(crate) use exploration::EpsilonGreedy;
+pub use exploration::Exploration;
+pub use policy::Actor;
+pub use policy::Greedy;
+pub use policy::Policy;
+pub use q_learning::Bins;
+pub use q_learning::QLearning;
+pub use q_learning::QTableConfig;
+pub(crate) use q_learning::TableConfig;
+pub(crate) use q_network::QNetwork;
 pub use q_table::QTable;
-pub use random::Random;
-pub use replay::{Minibatch, Replay, ReplayConfig, ReplayContents, Transition, UpdateMode};
-pub use statistics::{NamedNumbers, Played, Probes, STATISTICS, Statistic};
-pub use target::{PolicyWeights, TargetUpdate};
+pub(crate) use random::Random;
+pub use replay::Minibatch;
+pub use replay::Replay;
+pub use replay::ReplayContents;
+pub use replay::Transition;
+pub(crate) use replay::{ReplayConfig, UpdateMode};
+pub use statistics::NamedNumbers;
+pub use statistics::Played;
+pub use statistics::Probes;
+pub use statistics::STATISTICS;
+pub(crate) use statistics::Statistic;
+pub(crate) use target::PolicyWeights;
+pub use target::TargetUpdate;
 
 /// Which agent learns, and its settings. Each is a key of the config.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "agent", rename_all = "snake_case")]
-#[allow(missing_docs)]
 pub enum AgentConfig {
     Dqn(DqnConfig),
     QTable(QTableConfig),
@@ -78,7 +94,7 @@ impl AgentConfig {
     }
 
     /// What rewards are multiplied by before the agent learns from them.
-    pub fn reward_scale(&self) -> f64 {
+    pub(crate) fn reward_scale(&self) -> f64 {
         self.as_dqn().map_or(1.0, |config| config.reward_scale)
     }
 }
@@ -93,9 +109,6 @@ pub trait Agent: Any + Send {
 
     /// Learns if that is due after environment step `env_steps`, follows the schedules that count steps, and returns the
     /// mean loss if it has learned.
-    ///
-    /// # Errors
-    /// When the numbers leave the finite.
     fn learn_if_due(&mut self, env_steps: u64) -> Result<Option<f32>, NotFinite>;
 
     /// Follows the schedules that count episodes, after episode `episode`, counted from 0.
@@ -127,9 +140,6 @@ pub trait Agent: Any + Send {
 
     /// The inverse of [`Self::save`], after `env_steps` environment steps. Schedules are those of the agent, not those of
     /// the agent that was saved.
-    ///
-    /// # Errors
-    /// When the tensors are not those of such an agent.
     fn load(&mut self, tensors: &Tensors, env_steps: u64) -> Result<(), TensorError>;
 }
 

@@ -61,12 +61,12 @@ impl Policy {
     }
 
     /// The table, if it is one.
-    pub fn table(&self) -> Option<&QTable> {
+    pub(crate) fn table(&self) -> Option<&QTable> {
         if let Self::Table(table) = self { Some(table) } else { None }
     }
 
     /// Its kind and size, for messages.
-    pub fn shape(&self) -> String {
+    pub(crate) fn shape(&self) -> String {
         match self {
             Self::Network(network) => format!("layers {:?}", network.sizes()),
             Self::Table(table) => {
@@ -134,12 +134,12 @@ impl Greedy {
     /// The same policy of an agent that was trained on rewards times `reward_scale`. It changes no action: only the
     /// Q-values that are shown are divided by the scale, not the weights, whose rounding could decide between two actions.
     #[must_use]
-    pub fn with_reward_scale(self, reward_scale: f64) -> Self {
+    pub(crate) fn with_reward_scale(self, reward_scale: f64) -> Self {
         Self { reward_scale, ..self }
     }
 
     /// How many observations fit.
-    pub fn batch(&self) -> usize {
+    pub(crate) fn batch(&self) -> usize {
         self.q().nrows()
     }
 
@@ -161,7 +161,7 @@ impl Greedy {
     }
 
     /// The action with the largest Q-value for one of the observations of the batch, the first of equals.
-    pub fn action(&self, sample: usize) -> usize {
+    pub(crate) fn action(&self, sample: usize) -> usize {
         super::argmax(self.q(), sample)
     }
 

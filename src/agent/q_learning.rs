@@ -15,7 +15,6 @@ use crate::tensors::{TensorError, Tensors};
 
 /// Settings of [`QLearning`]. Each is a key of the config, see `config::keys`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
 pub struct QTableConfig {
     pub table: TableConfig,
     pub optimizer: LearningRate,
@@ -31,10 +30,9 @@ pub struct TableConfig {
     pub bins: Vec<Bins>,
     /// Between which values the equal cells of each coordinate lie.
     pub low: Vec<f64>,
-    #[allow(missing_docs)]
     pub high: Vec<f64>,
     /// Every Q-value at the start.
-    pub initial: f64,
+    pub(crate) initial: f64,
     /// Whether the table also learns from the mirror image of each transition.
     pub mirror: bool,
 }
@@ -76,7 +74,6 @@ impl TableConfig {
     }
 }
 
-/// The agent.
 #[derive(Clone, Debug)]
 pub struct QLearning {
     config: QTableConfig,

@@ -36,7 +36,6 @@ impl QNetwork {
         &self.divisors
     }
 
-    /// Divides an observation.
     pub(super) fn divide(&self, observation: &[f32], divided: &mut [f32]) {
         debug_assert_eq!(observation.len(), self.divisors.len());
         for ((divided, value), divisor) in divided.iter_mut().zip(observation).zip(&self.divisors) {

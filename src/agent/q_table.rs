@@ -73,7 +73,7 @@ impl QTable {
     }
 
     /// Number of cells of each coordinate.
-    pub fn bins(&self) -> Vec<usize> {
+    pub(crate) fn bins(&self) -> Vec<usize> {
         self.edges.iter().map(|edges| edges.len() + 1).collect()
     }
 
@@ -95,7 +95,7 @@ impl QTable {
 
     /// Takes over the values of another table, as if they had not been updated yet. False if it has other cells.
     #[must_use]
-    pub fn start_from(&mut self, other: &Self) -> bool {
+    pub(crate) fn start_from(&mut self, other: &Self) -> bool {
         let fits = self.edges == other.edges && self.num_actions == other.num_actions;
         if fits {
             self.values.clone_from(&other.values);
@@ -113,7 +113,7 @@ impl QTable {
     }
 
     /// Whether there is a table in the tensors without a prefix.
-    pub fn is_in(tensors: &Tensors) -> bool {
+    pub(crate) fn is_in(tensors: &Tensors) -> bool {
         tensors.shape(VALUES).is_ok()
     }
 
@@ -190,7 +190,7 @@ impl QTable {
     }
 
     /// Number of actions.
-    pub fn num_actions(&self) -> usize {
+    pub(crate) fn num_actions(&self) -> usize {
         self.num_actions
     }
 }

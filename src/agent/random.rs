@@ -5,7 +5,7 @@ use crate::rng::Rng;
 
 /// Acts at random.
 #[derive(Clone, Debug)]
-pub struct Random {
+pub(crate) struct Random {
     num_actions: usize,
     rng: Rng,
 }

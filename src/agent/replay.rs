@@ -21,16 +21,16 @@ pub struct ReplayConfig {
     /// Transitions in a minibatch.
     pub batch_size: usize,
     /// Environment steps before the first update.
-    pub warmup_steps: u64,
+    pub(crate) warmup_steps: u64,
     /// How a minibatch is used.
-    pub update: UpdateMode,
+    pub(crate) update: UpdateMode,
     /// Whether every sample of a minibatch is replaced by its mirror image with probability ½.
     pub mirror: bool,
 }
 
 impl ReplayConfig {
     /// Transitions in one update.
-    pub fn update_size(&self) -> usize {
+    pub(crate) fn update_size(&self) -> usize {
         match self.update {
             UpdateMode::Minibatch => self.batch_size,
             UpdateMode::PerSample => 1,
@@ -41,7 +41,7 @@ impl ReplayConfig {
 /// How a minibatch is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum UpdateMode {
+pub(crate) enum UpdateMode {
     /// One gradient step on the mean loss of the minibatch (Mnih et al. 2015).
     Minibatch,
     /// One gradient step per transition, one after another (the tutorial).
@@ -97,7 +97,7 @@ impl Minibatch {
     }
 
     /// Replaces every sample by its mirror image with probability ½; `row` is scratch.
-    pub fn reflect_half(&mut self, mirror: &Mirror, rng: &mut Rng, row: &mut Vec<f32>) {
+    pub(crate) fn reflect_half(&mut self, mirror: &Mirror, rng: &mut Rng, row: &mut Vec<f32>) {
         for sample in 0..self.actions.len() {
             if rng.below(2) == 1 {
                 self.reflect(sample, mirror, row);
@@ -172,7 +172,6 @@ impl ReplayContents {
     }
 }
 
-/// The ring.
 #[derive(Clone, Debug)]
 pub struct Replay {
     capacity: usize,
@@ -219,13 +218,8 @@ impl Replay {
         self.len
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
     /// How many of them end in termination.
-    pub fn terminal_transitions(&self) -> usize {
+    pub(crate) fn terminal_transitions(&self) -> usize {
         (0..self.len).filter(|&age| self.ends[self.slot(age)] == EpisodeEnd::Terminated).count()
     }
 

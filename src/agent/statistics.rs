@@ -35,13 +35,12 @@ pub struct Statistic {
     /// Its name in `metrics.jsonl`.
     pub name: &'static str,
     /// Its title where there is little room; empty if the terminal does not show the statistic.
-    pub label: &'static str,
+    pub(crate) label: &'static str,
     /// Its title over a plot; empty if no plot shows the statistic.
-    pub title: &'static str,
-    /// What it is.
+    pub(crate) title: &'static str,
     pub meaning: &'static str,
     /// Whether its axis is logarithmic.
-    pub is_logarithmic: bool,
+    pub(crate) is_logarithmic: bool,
 }
 
 const fn statistic(

@@ -62,7 +62,7 @@ impl From<TargetUpdate> for WrittenTarget {
 /// of the online network's, which is steadier than any of them (Polyak and Juditsky 1992).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum PolicyWeights {
+pub(crate) enum PolicyWeights {
     /// The network that acts and learns.
     Online,
     /// The target network; only with [`TargetUpdate::Soft`].

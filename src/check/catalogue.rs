@@ -11,7 +11,6 @@ use crate::nn::Loss;
 /// The quantities of an update, in the order in which they are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
 pub enum Stage {
     Targets,
     Loss,
@@ -20,7 +19,6 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All of them.
     pub const ALL: [Self; 4] = [Self::Targets, Self::Loss, Self::Gradients, Self::Weights];
 
     /// As it is written.
@@ -38,14 +36,14 @@ pub struct Mistake {
     #[serde(skip)]
     pub stage: Stage,
     /// What they compute, and what is right.
-    pub what: &'static str,
+    pub(crate) what: &'static str,
     /// Why it matters.
-    pub why: &'static str,
+    pub(crate) why: &'static str,
     /// How to mend it in PyTorch, Keras or JAX.
-    pub mend: &'static str,
+    pub(crate) mend: &'static str,
     /// Makes it; leaves a variant alone that cannot have it.
     #[serde(skip)]
-    pub make: fn(&mut Variant),
+    pub(crate) make: fn(&mut Variant),
 }
 
 impl Mistake {

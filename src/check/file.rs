@@ -26,7 +26,7 @@ const MAX_ACTIONS: usize = 256;
 /// The metadata's key of the settings.
 const SETTINGS: &str = "settings";
 /// How a file with [`Settings::metadata`] begins, behind the eight bytes of its header's length.
-pub const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
+pub(crate) const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
 
 /// One update: what it started from, and what somebody made of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,7 +100,6 @@ pub enum EpsilonPlace {
 
 /// The transitions of an update. Observations are (batch, features), the rest (batch).
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub struct Batch {
     pub observations: DMatrix<f64>,
     pub actions: Vec<usize>,
@@ -115,7 +114,6 @@ pub struct Batch {
 
 /// Adam's state.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub struct Moments {
     /// Steps done before this update.
     pub steps: u64,
@@ -129,7 +127,6 @@ pub struct Moments {
 pub struct Results {
     /// The TD targets, (batch).
     pub targets: Option<Vec<f64>>,
-    /// The loss.
     pub loss: Option<f64>,
     /// What the optimiser got.
     pub gradients: Option<Mlp<f64>>,
@@ -140,10 +137,9 @@ pub struct Results {
 /// Why a file is no update.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", shown(path))]
-#[allow(missing_docs)]
 pub struct UpdateError {
     pub path: PathBuf,
-    pub problem: Problem,
+    pub(crate) problem: Problem,
 }
 
 const POLICY: &str = "holds a policy, which `eval` plays, and no update; docs/check.md has functions to paste that write an update";
@@ -153,7 +149,6 @@ const NO_RESULT: &str = "holds no result to check; expected `result.targets`, `r
 
 /// See [`UpdateError`].
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum Problem {
     #[error("cannot be read: {0}")]
     Unreadable(io::Error),
@@ -189,7 +184,7 @@ impl Update {
     }
 
     /// Reads a stream whole; `path` is what errors call it.
-    pub fn read_from(stream: impl Read, path: &Path) -> Result<Self, UpdateError> {
+    pub(crate) fn read_from(stream: impl Read, path: &Path) -> Result<Self, UpdateError> {
         let mut bytes = Vec::new();
         let read = match stream.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes) {
             Ok(size) if size as u64 > MAX_FILE_SIZE => {

@@ -14,11 +14,18 @@ mod reference;
 mod rounding;
 mod verdict;
 
-pub use catalogue::{CATALOGUE, Mistake, Stage};
-pub use file::{Batch, EpsilonPlace, Moments, Problem, Results, START, Settings, Update, UpdateError};
-pub use reference::{
-    Clipping, Decay, LossOf, Mask, NextValue, Optimizer, Penalty, Predicted, Reached, Reduction, Reference,
-    Reward, Targets, Variant,
-};
+pub use catalogue::CATALOGUE;
+pub use catalogue::Stage;
+pub use file::Batch;
+pub use file::Moments;
+pub use file::Results;
+pub use file::Settings;
+pub use file::Update;
+pub(crate) use file::{EpsilonPlace, START, UpdateError};
+pub use reference::Reference;
+pub use reference::Variant;
 pub use rounding::Number;
-pub use verdict::{Explained, Judged, QuantityState, Verdict, check, check_with};
+pub use verdict::QuantityState;
+pub use verdict::Verdict;
+pub use verdict::check;
+pub(crate) use verdict::{Explained, Judged, check_with};

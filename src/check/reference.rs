@@ -204,7 +204,7 @@ pub struct Reference<'a> {
 }
 
 /// What PyTorch adds to ‖g‖ before it divides by it.
-pub const NORM_MARGIN: f64 = 1e-6;
+pub(crate) const NORM_MARGIN: f64 = 1e-6;
 
 /// The targets, and the next Q-values that each is made of: places (sample, action) whose mean is the value of s′, and
 /// what multiplies it.

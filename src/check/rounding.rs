@@ -19,8 +19,7 @@ pub(super) const SAFETY: f64 = 16.0;
 pub struct Number {
     /// The number in f64.
     pub value: f64,
-    /// The variance.
-    pub variance: f64,
+    pub(crate) variance: f64,
 }
 
 impl Number {
@@ -30,7 +29,7 @@ impl Number {
     }
 
     /// How far another program's number may be away.
-    pub fn tolerance(&self) -> f64 {
+    pub(crate) fn tolerance(&self) -> f64 {
         SAFETY * self.variance.sqrt()
     }
 
@@ -56,7 +55,7 @@ impl AddAssign for Number {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Matrix {
     pub value: DMatrix<f64>,
-    pub variance: DMatrix<f64>,
+    pub(crate) variance: DMatrix<f64>,
 }
 
 impl Matrix {
@@ -73,7 +72,7 @@ impl Matrix {
         self.variance.zip_map(&self.value, |variance, value| variance + growth * square(value))
     }
 
-    pub fn add(&mut self, row: usize, column: usize, number: Number) {
+    pub(crate) fn add(&mut self, row: usize, column: usize, number: Number) {
         self.value[(row, column)] += number.value;
         self.variance[(row, column)] += number.variance;
     }
@@ -87,7 +86,7 @@ pub(super) struct Pass {
 
 impl Pass {
     /// Q(s, ·).
-    pub fn q(&self) -> &Matrix {
+    pub(crate) fn q(&self) -> &Matrix {
         &self.outputs[self.outputs.len() - 1]
     }
 }

@@ -35,24 +35,22 @@ pub struct Verdict {
     /// How the norm of the gradient was shortened, where the two right ways differ.
     pub norm_clipping: Option<&'static str>,
     /// Mistakes that were not tried everywhere because that would take too long.
-    pub mistakes_left_out: Vec<&'static str>,
+    pub(crate) mistakes_left_out: Vec<&'static str>,
     /// Whether pairs of mistakes were left out for that reason.
     pub pairs_left_out: bool,
 }
 
-/// One quantity.
 #[derive(Debug, Serialize)]
 pub struct Judged {
-    /// Which.
     pub name: Stage,
     /// How it compares, given the mistakes of the quantities before it.
     pub state: QuantityState,
     /// Its largest difference as a share of its largest number; none if it is absent.
-    pub largest_relative_difference: Option<f64>,
+    pub(crate) largest_relative_difference: Option<f64>,
     /// How many of its numbers differ.
-    pub differing: usize,
+    pub(crate) differing: usize,
     /// How many there are.
-    pub numbers: usize,
+    pub(crate) numbers: usize,
 }
 
 /// See [`Judged`].
@@ -72,11 +70,10 @@ pub enum QuantityState {
 /// A mistake in an explanation.
 #[derive(Clone, Debug, Serialize)]
 pub struct Explained {
-    /// The mistake.
     #[serde(flatten)]
     pub mistake: &'static Mistake,
     /// The quantity by which it was found.
-    pub quantity: Stage,
+    pub(crate) quantity: Stage,
     /// Whether only that quantity has it: what was computed from there on does not.
     pub reported_only: bool,
 }
@@ -113,7 +110,7 @@ pub fn check(update: &Update) -> Verdict {
 }
 
 /// As [`check`], and tells `progress` how many of the candidates for a quantity have been tried, and how many there are.
-pub fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> Verdict {
+pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> Verdict {
     let search = Search {
         update,
         reference: Reference::new(update),

@@ -21,7 +21,6 @@ Examples, each a line for the file that the shell reads when it starts:
   zsh,  ~/.zshrc, after `compinit`:  source <(cartpole-dqn completions zsh)
   fish, ~/.config/fish/config.fish:  cartpole-dqn completions fish | source")]
 pub(super) struct CompletionsArguments {
-    /// The shell
     shell: Shell,
 }
 

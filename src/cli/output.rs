@@ -36,11 +36,11 @@ impl From<WriteError> for Failure {
 /// An output that the user has asked for.
 pub(super) struct Output<'a> {
     /// The option that names it.
-    pub option: &'a str,
+    pub(crate) option: &'a str,
     pub path: &'a Path,
     /// What it is, such as "a trace", and how such a file begins.
-    pub what: &'a str,
-    pub is_own: fn(&[u8]) -> bool,
+    pub(crate) what: &'a str,
+    pub(crate) is_own: fn(&[u8]) -> bool,
 }
 
 impl Output<'_> {

@@ -18,9 +18,6 @@ pub(super) struct AllowCommand {
 impl AllowCommand {
     /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one. See [`allow`] for
     /// `has_view`.
-    ///
-    /// # Errors
-    /// The message, when the user has not said so.
     pub(super) fn permit(
         self,
         environment: &mut EnvironmentConfig,

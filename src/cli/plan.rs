@@ -22,9 +22,6 @@ const SHARD_SECONDS: f64 = 3600.0;
 const MAX_SHARDS: f64 = 1000.0;
 
 /// What a study costs, and how it is given to the engines of a cluster. Times its first trial, until `stop` is set.
-///
-/// # Errors
-/// When the environment of the trial fails.
 pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result<String, Failure> {
     let total = dir.study().total();
     let (seconds, is_whole) = time_first_trial(dir, stop)?;

@@ -59,12 +59,12 @@ fn environment() -> impl TypedValueParser<Value = EnvironmentId> {
 /// A checkpoint that has been found and read.
 pub(super) struct LocatedPolicy {
     /// What the user typed, or the newest run.
-    pub place: PathBuf,
+    pub(crate) place: PathBuf,
     /// The file that was read.
-    pub file: PathBuf,
-    pub checkpoint: Checkpoint,
+    pub(crate) file: PathBuf,
+    pub(crate) checkpoint: Checkpoint,
     /// The environment that the policy was trained in. A program is not allowed to start yet.
-    pub environment: EnvironmentConfig,
+    pub(crate) environment: EnvironmentConfig,
 }
 
 impl PolicyArguments {

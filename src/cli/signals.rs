@@ -38,9 +38,6 @@ pub(super) struct Signals {
 }
 
 /// Takes the signals from now on. One that ends the process removes the files that it has not finished.
-///
-/// # Errors
-/// When the system refuses.
 pub(super) fn watch() -> io::Result<()> {
     let mut signals = vec![SIGINT, SIGTERM];
     #[cfg(unix)]
@@ -118,9 +115,6 @@ impl Signals {
     }
 
     /// Does after this time what SIGTERM does.
-    ///
-    /// # Errors
-    /// When the system has no thread to wait.
     pub(super) fn stop_after(&self, time: Duration) -> Result<(), Failure> {
         let signals = self.clone();
         let wait = move || {

@@ -43,7 +43,7 @@ const ALIASES: &[(&str, &[&str])] = &[
 
 /// What a word means here, whether it is an option of another program or the name of a key: a list of settings for each meaning,
 /// with `{}` in the place of the value. `value` decides between meanings where only some allow it.
-pub fn meanings(word: &str, value: &Value) -> Vec<Vec<String>> {
+pub(crate) fn meanings(word: &str, value: &Value) -> Vec<Vec<String>> {
     let own = |key: &Key| vec![format!("{}={{}}", key.path)];
     let known = normalised(word);
     if let Some(key) = KEYS.iter().find(|key| normalised(key.path) == known) {

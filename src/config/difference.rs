@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 /// Says in which key two values differ first, and how. `path` is the key of the values themselves.
-pub fn difference(path: &str, found: &Value, given: &Value) -> Option<String> {
+pub(crate) fn difference(path: &str, found: &Value, given: &Value) -> Option<String> {
     let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
     match (found, given) {
         (Value::Object(a), Value::Object(b)) => {

@@ -18,7 +18,7 @@ use crate::text::{excerpt, shell_line};
 /// What the agent acts in.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
-pub enum EnvironmentConfig {
+pub(crate) enum EnvironmentConfig {
     /// An environment of this crate.
     Named(EnvironmentId),
     /// Another program.
@@ -39,13 +39,13 @@ impl<'de> Deserialize<'de> for EnvironmentConfig {
 /// A program that is an environment, see `docs/environments.md`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ProgramConfig {
+pub(crate) struct ProgramConfig {
     /// The program and its arguments.
-    pub command: Vec<String>,
+    pub(crate) command: Vec<String>,
     /// In how many processes at the same time evaluations are played.
-    pub processes: u32,
+    pub(crate) processes: u32,
     /// Seconds within which the program must answer.
-    pub timeout_seconds: u32,
+    pub(crate) timeout_seconds: u32,
     /// What the program has said of its task. A run records it, so that a report starts no program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub task: Option<Spec>,
@@ -95,7 +95,7 @@ impl EnvironmentConfig {
     }
 
     /// The whole command of a program, as it can be typed into a shell; none of an environment of this crate.
-    pub fn command(&self) -> Option<String> {
+    pub(crate) fn command(&self) -> Option<String> {
         match self {
             Self::Named(_) => None,
             Self::Program(program) => Some(shell_line(&program.command)),
@@ -104,7 +104,7 @@ impl EnvironmentConfig {
 
     /// Allows the program to be started. `show` takes its command and each line of its standard error.
     #[cfg(all(unix, feature = "program"))]
-    pub fn allow(&mut self, show: crate::env::program::ShowLine) {
+    pub(crate) fn allow(&mut self, show: crate::env::program::ShowLine) {
         if let Self::Program(program) = self {
             let programs = Arc::new(crate::env::program::Programs::new(
                 program.command.clone(),

@@ -32,13 +32,16 @@ use crate::memory::check_memory;
 use crate::text::excerpt;
 use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig, Trainer, TrainerConfig};
 
-pub use aliases::meanings;
-pub use difference::difference;
-pub use environment::{EnvironmentConfig, ProgramConfig};
-pub use schema::{Setting, keys, markdown_table, schema};
+pub(crate) use aliases::meanings;
+pub(crate) use difference::difference;
+pub(crate) use environment::EnvironmentConfig;
+pub(crate) use schema::Setting;
+pub use schema::keys;
+pub use schema::markdown_table;
+pub use schema::schema;
 
 /// Largest config that is read, in bytes.
-pub const MAX_BYTES: u64 = 1 << 20;
+pub(crate) const MAX_BYTES: u64 = 1 << 20;
 /// Most memory that a config may ask for, in bytes.
 const MAX_MEMORY: u64 = 8 << 30;
 
@@ -92,10 +95,9 @@ pub struct Config {
     /// Seed of every random stream of the run.
     pub seed: u64,
     /// The task.
-    pub environment: EnvironmentConfig,
+    pub(crate) environment: EnvironmentConfig,
     /// Steps after which a training episode is truncated; none for the environment's own limit.
     pub max_episode_steps: Option<u32>,
-    /// The agent.
     #[serde(flatten)]
     pub agent: AgentConfig,
     /// When the run ends.
@@ -103,9 +105,9 @@ pub struct Config {
     /// The greedy evaluations during training.
     pub evaluation: EvaluationConfig,
     /// How often `checkpoints/last.safetensors` is written.
-    pub checkpoint: CheckpointConfig,
+    pub(crate) checkpoint: CheckpointConfig,
     /// Whether the run ends at the first evaluation that solves the task.
-    pub stop_when_solved: bool,
+    pub(crate) stop_when_solved: bool,
     /// The steps that a policy must last to end the run; none if no policy does.
     pub stop_when_lasting_steps: Option<u32>,
 }
@@ -129,7 +131,6 @@ impl Default for Config {
 
 /// Why there is no config. An `origin` is the name of a file, or `--set`.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum ConfigError {
     #[error("cannot read {}: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
@@ -177,7 +178,7 @@ impl Config {
     }
 
     /// As [`Self::from_layers`], with the `key.path=value`s of `--vary` in the layer of `--set`.
-    pub fn variation(
+    pub(crate) fn variation(
         file: Option<(&str, &str)>,
         sets: &[String],
         varied: &[String],
@@ -222,7 +223,7 @@ impl Config {
     ///
     /// # Errors
     /// When the program must not or cannot be started, says nothing that can be used, or its task does not fit the config.
-    pub fn ask_task(&mut self) -> Result<(), ConfigError> {
+    pub(crate) fn ask_task(&mut self) -> Result<(), ConfigError> {
         self.environment.ask()?;
         self.check(&excerpt(&self.environment.command().unwrap_or_default(), 200))
     }
@@ -284,7 +285,7 @@ impl Config {
     }
 
     /// The run's agent, for a task.
-    pub fn make_agent(&self, spec: &Spec) -> Box<dyn Agent> {
+    pub(crate) fn make_agent(&self, spec: &Spec) -> Box<dyn Agent> {
         self.agent.make(spec.observation_size, spec.num_actions, spec.mirror.as_ref(), self.seed)
     }
 

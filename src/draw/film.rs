@@ -13,7 +13,7 @@ const START: [u8; 9] = [0x80, 0, 0, 0, 0, 0, 0, 0, 0];
 const SPEED: i32 = 10;
 
 /// A GIF that is written picture by picture.
-pub struct Film<W: Write> {
+pub(crate) struct Film<W: Write> {
     encoder: Encoder<W>,
     size: (u16, u16),
     delay: u16,
@@ -31,7 +31,7 @@ impl<W: Write> Film<W> {
     }
 
     /// Adds a picture. The last one stays for a second.
-    pub fn add(&mut self, image: &Image, is_last: bool) -> io::Result<()> {
+    pub(crate) fn add(&mut self, image: &Image, is_last: bool) -> io::Result<()> {
         let (width, height) = self.size;
         if (image.width, image.height) != self.size {
             let Image { width: w, height: h, .. } = image;
@@ -46,6 +46,6 @@ impl<W: Write> Film<W> {
 }
 
 /// Whether a file with this beginning may be a [`Film`].
-pub fn is_film(start: &[u8]) -> bool {
+pub(crate) fn is_film(start: &[u8]) -> bool {
     start.starts_with(b"GIF89a") && start.get(10..19) == Some(&START)
 }

@@ -27,10 +27,7 @@ struct Area {
 }
 
 /// Writes the episode of these scenes. The last scene stays for a second.
-///
-/// # Errors
-/// When it cannot be written.
-pub fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f64) -> io::Result<()> {
+pub(crate) fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f64) -> io::Result<()> {
     let palette = Palette::of(scenes);
     let delay = delay(frames_per_second);
     let mut encoder = Encoder::new(out, WIDTH, HEIGHT, &palette.entries()).map_err(io_error)?;
@@ -53,7 +50,7 @@ pub(super) fn delay(frames_per_second: f64) -> u16 {
 }
 
 /// Whether a file with this beginning may be one of [`write_gif`]: the size of the pictures is known.
-pub fn is_gif(start: &[u8]) -> bool {
+pub(crate) fn is_gif(start: &[u8]) -> bool {
     let size = [WIDTH.to_le_bytes(), HEIGHT.to_le_bytes()].concat();
     start.strip_prefix(b"GIF89a").is_some_and(|rest| rest.starts_with(&size))
 }

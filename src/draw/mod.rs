@@ -10,10 +10,10 @@ mod gif;
 mod svg;
 
 #[cfg(feature = "view")]
-pub use braille::draw as draw_braille;
-pub use film::{Film, is_film};
-pub use gif::{is_gif, write_gif};
-pub use svg::{is_svg, svg};
+pub(crate) use braille::draw as draw_braille;
+pub(crate) use film::{Film, is_film};
+pub(crate) use gif::{is_gif, write_gif};
+pub(crate) use svg::{is_svg, svg};
 
 use crate::env::scene::{Bounds, Outline, Scene, Shape};
 
@@ -97,17 +97,17 @@ fn distance(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
 }
 
 /// One shape throughout an episode.
-pub struct Motion<'a> {
+pub(crate) struct Motion<'a> {
     /// In the first scene.
-    pub shape: &'a Shape,
+    pub(crate) shape: &'a Shape,
     /// In every scene.
-    pub at: Vec<(f64, f64)>,
+    pub(crate) at: Vec<(f64, f64)>,
     /// In every scene, in rad.
-    pub angle: Vec<f64>,
+    pub(crate) angle: Vec<f64>,
 }
 
 /// The motion of every shape of an episode.
-pub fn motions(scenes: &[Scene]) -> Vec<Motion<'_>> {
+pub(crate) fn motions(scenes: &[Scene]) -> Vec<Motion<'_>> {
     let shapes = scenes.first().map_or(&[][..], |scene| &scene.shapes);
     let motion = |(i, shape): (usize, _)| {
         let placed = || scenes.iter().filter_map(move |scene: &Scene| scene.shapes.get(i));

@@ -17,14 +17,14 @@ fn start() -> String {
 }
 
 /// Whether a file with this beginning may be one of [`svg`].
-pub fn is_svg(start: &[u8]) -> bool {
+pub(crate) fn is_svg(start: &[u8]) -> bool {
     start.starts_with(self::start().as_bytes())
 }
 
 /// The episode of these scenes, at least one, as an SVG file. The last scene stays for a second.
 ///
 /// `title` is plain text without markup.
-pub fn svg(scenes: &[Scene], frames_per_second: f64, title: &str) -> String {
+pub(crate) fn svg(scenes: &[Scene], frames_per_second: f64, title: &str) -> String {
     let held = frames_per_second.round().max(1.0);
     let animation =
         Animation { seconds: (scenes.len() as f64 - 1.0 + held) / frames_per_second, held: held as usize };

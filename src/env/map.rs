@@ -8,19 +8,19 @@ pub struct MapAxis {
     /// What it is called.
     pub name: String,
     /// Its unit, as it is written behind a number; empty if it has none.
-    pub unit: String,
+    pub(crate) unit: String,
     /// The smallest and the largest value that are shown.
     pub range: (f64, f64),
     /// What the quantity is multiplied by to be shown, for example 180/π.
-    pub factor: f64,
+    pub(crate) factor: f64,
     /// Where an observation holds it.
-    pub quantity: Quantity,
+    pub(crate) quantity: Quantity,
 }
 
 /// A quantity in an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Quantity {
+pub(crate) enum Quantity {
     /// The coordinate of this number.
     Coordinate(usize),
     /// An angle, of which two coordinates are the cosine and the sine.

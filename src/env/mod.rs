@@ -6,11 +6,11 @@
 mod acrobot;
 mod cartpole;
 pub mod catalogue;
-pub mod map;
+pub(crate) mod map;
 mod mountain_car;
 #[cfg(all(unix, feature = "program"))]
 pub mod program;
-pub mod scene;
+pub(crate) mod scene;
 mod time_limit;
 
 use serde::de::Error as _;
@@ -61,24 +61,21 @@ pub struct Spec {
 
 impl Spec {
     /// Whether a mean return solves the task; never where the task has no threshold.
-    pub fn is_solved_by(&self, mean_return: f64) -> bool {
+    pub(crate) fn is_solved_by(&self, mean_return: f64) -> bool {
         self.solved_return.is_some_and(|threshold| mean_return >= threshold)
     }
 
     /// Most numbers of an observation.
-    pub const MAX_OBSERVATION: usize = 4096;
+    pub(crate) const MAX_OBSERVATION: usize = 4096;
     /// Most actions: the replay memory keeps an action in a byte.
-    pub const MAX_ACTIONS: usize = 256;
+    pub(crate) const MAX_ACTIONS: usize = 256;
     /// Longest name in characters.
     const MAX_NAME: usize = 100;
     /// Largest return.
     const MAX_RETURN: f64 = 1e30;
 
     /// The same, if it describes a task.
-    ///
-    /// # Errors
-    /// The first rule that it breaks.
-    pub fn checked(self) -> Result<Self, String> {
+    pub(crate) fn checked(self) -> Result<Self, String> {
         self.problem().map_or(Ok(self), Err)
     }
 
@@ -128,7 +125,7 @@ impl Spec {
     }
 
     /// Which mean return solves the task, in words.
-    pub fn goal(&self) -> String {
+    pub(crate) fn goal(&self) -> String {
         self.solved_return.map_or_else(|| "of no threshold".into(), |threshold| format!("≥ {threshold}"))
     }
 }
@@ -202,15 +199,9 @@ pub trait Environment: Send {
     fn spec(&self) -> &Spec;
 
     /// Starts a new episode and writes its first observation, `observation_size` numbers.
-    ///
-    /// # Errors
-    /// When the environment fails.
     fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError>;
 
     /// Applies `action` for one time step and writes what the agent sees then.
-    ///
-    /// # Errors
-    /// When the environment fails.
     fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError>;
 
     /// The full state in f64, more precise than the observation; none if the environment does not show it.
@@ -229,9 +220,6 @@ pub trait Environment: Send {
     }
 
     /// What an environment without a scene looks like now; none if it draws nothing.
-    ///
-    /// # Errors
-    /// When the environment fails.
     fn image(&mut self) -> Result<Option<Image>, EnvironmentError> {
         Ok(None)
     }
@@ -246,11 +234,11 @@ pub trait Environment: Send {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     /// Pixels in a row.
-    pub width: u16,
+    pub(crate) width: u16,
     /// Rows.
-    pub height: u16,
+    pub(crate) height: u16,
     /// Red, green and blue of each pixel, row by row from the top.
-    pub rgb: Vec<u8>,
+    pub(crate) rgb: Vec<u8>,
 }
 
 /// Makes an environment whose episodes are truncated after so many steps. Evaluations and studies make their own.

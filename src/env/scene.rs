@@ -7,16 +7,16 @@
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// The part of the picture that must be seen. A small display leaves out the rest.
-    pub focus: Bounds,
+    pub(crate) focus: Bounds,
     /// The shapes. A later shape covers an earlier one.
     pub shapes: Vec<Shape>,
 }
 
 impl Scene {
     /// Width of the picture in pixels.
-    pub const WIDTH: u16 = 600;
+    pub(crate) const WIDTH: u16 = 600;
     /// Height of the picture in pixels.
-    pub const HEIGHT: u16 = 400;
+    pub(crate) const HEIGHT: u16 = 400;
 }
 
 /// A rigid shape in its place.
@@ -25,10 +25,9 @@ pub struct Shape {
     /// The form, around (0, 0).
     pub outline: Outline,
     /// Where the outline's (0, 0) is in the picture.
-    pub at: (f64, f64),
+    pub(crate) at: (f64, f64),
     /// How far the outline is turned around its (0, 0), in rad, counterclockwise.
-    pub angle: f64,
-    /// The color.
+    pub(crate) angle: f64,
     pub color: Color,
 }
 
@@ -45,7 +44,7 @@ pub enum Outline {
 
 impl Outline {
     /// A filled rectangle between two horizontal and two vertical lines.
-    pub fn rectangle(bounds: Bounds) -> Self {
+    pub(crate) fn rectangle(bounds: Bounds) -> Self {
         let Bounds { left, right, bottom, top } = bounds;
         Self::Polygon(vec![(left, bottom), (right, bottom), (right, top), (left, top)])
     }
@@ -53,15 +52,15 @@ impl Outline {
 
 /// An area between two vertical and two horizontal lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
+pub(crate) struct Bounds {
     /// Smallest x.
-    pub left: f64,
+    pub(crate) left: f64,
     /// Largest x.
-    pub right: f64,
+    pub(crate) right: f64,
     /// Smallest y.
-    pub bottom: f64,
+    pub(crate) bottom: f64,
     /// Largest y.
-    pub top: f64,
+    pub(crate) top: f64,
 }
 
 /// The colors of Gymnasium's renderers. A scene has at most five of them on its white ground.

@@ -25,11 +25,6 @@ impl Directory {
         Ok(Self { path: path.into(), handle: system::open(name)? })
     }
 
-    /// Where it is, as the user named it.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// The directory that holds `path`, which is somewhere below this one.
     fn parent_of(&self, path: &Path) -> io::Result<Self> {
         let folders = path.strip_prefix(&self.path).ok().and_then(Path::parent);
@@ -56,7 +51,7 @@ impl Directory {
     ///
     /// # Errors
     /// Then, and when the way to it cannot be searched. What is missing is no link.
-    pub fn refuse_link(&self, path: &Path) -> io::Result<()> {
+    pub(crate) fn refuse_link(&self, path: &Path) -> io::Result<()> {
         let parent = match self.parent_of(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
             found => found?,
@@ -68,7 +63,7 @@ impl Directory {
     ///
     /// # Errors
     /// When it cannot be made, also because something else has its name.
-    pub fn create_dir(&self, path: &Path) -> io::Result<bool> {
+    pub(crate) fn create_dir(&self, path: &Path) -> io::Result<bool> {
         let parent = self.parent_of(path)?;
         match system::create_dir(&parent.handle, path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
@@ -80,10 +75,7 @@ impl Directory {
     }
 
     /// Opens an ordinary file, to read and to write it.
-    ///
-    /// # Errors
-    /// When it is something else or cannot be opened.
-    pub fn open_file(&self, path: &Path) -> io::Result<File> {
+    pub(crate) fn open_file(&self, path: &Path) -> io::Result<File> {
         let parent = self.parent_of(path)?;
         let opened = system::open_file(&parent.handle, path);
         let file = opened.map_err(|error| parent.explained(path, error))?;
@@ -100,19 +92,13 @@ impl Directory {
     }
 
     /// Gives a file another name in its directory.
-    ///
-    /// # Errors
-    /// When that fails.
-    pub fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+    pub(crate) fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         let parent = self.parent_of(to)?;
         system::rename(&parent.handle, from, to)
     }
 
     /// Gives a file one more name in its directory.
-    ///
-    /// # Errors
-    /// When that fails, also because the name is taken.
-    pub fn hard_link(&self, from: &Path, to: &Path) -> io::Result<()> {
+    pub(crate) fn hard_link(&self, from: &Path, to: &Path) -> io::Result<()> {
         let parent = self.parent_of(to)?;
         system::hard_link(&parent.handle, from, to)
     }
@@ -127,26 +113,20 @@ impl Directory {
     }
 
     /// Removes an empty directory.
-    ///
-    /// # Errors
-    /// When that fails.
-    pub fn remove_dir(&self, path: &Path) -> io::Result<()> {
+    pub(crate) fn remove_dir(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
         system::remove_dir(&parent.handle, path)
     }
 
     /// Makes the names in the directory of a file last.
-    ///
-    /// # Errors
-    /// When that fails.
-    pub fn sync_names(&self, path: &Path) -> io::Result<()> {
+    pub(crate) fn sync_names(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
         system::sync(&parent.handle)
     }
 
     /// Whether an open file is still the one at that path: another process may have removed or replaced it before this one
     /// had locked it.
-    pub fn is_at(&self, file: &File, path: &Path) -> bool {
+    pub(crate) fn is_at(&self, file: &File, path: &Path) -> bool {
         self.parent_of(path).is_ok_and(|parent| system::is_at(&parent.handle, file, path))
     }
 }
@@ -171,7 +151,7 @@ mod system {
 
     use rustix::fs::{self, AtFlags, CWD, FileType, Mode, OFlags, Stat};
 
-    pub type Handle = Arc<OwnedFd>;
+    pub(crate) type Handle = Arc<OwnedFd>;
 
     const DIRECTORY: OFlags = OFlags::RDONLY.union(OFlags::DIRECTORY).union(OFlags::CLOEXEC);
     /// A pipe that takes the name of a file meanwhile is not waited for.
@@ -193,20 +173,20 @@ mod system {
         Ok(Arc::new(fs::openat(CWD, path, DIRECTORY, Mode::empty())?))
     }
 
-    pub fn open_inner(directory: &Handle, path: &Path) -> io::Result<Handle> {
+    pub(crate) fn open_inner(directory: &Handle, path: &Path) -> io::Result<Handle> {
         Ok(Arc::new(fs::openat(directory, name(path), DIRECTORY | OFlags::NOFOLLOW, Mode::empty())?))
     }
 
-    pub fn is_link(directory: &Handle, path: &Path) -> bool {
+    pub(crate) fn is_link(directory: &Handle, path: &Path) -> bool {
         found(directory, path).is_ok_and(|found| kind(&found) == FileType::Symlink)
     }
 
-    pub fn create_dir(directory: &Handle, path: &Path) -> io::Result<()> {
+    pub(crate) fn create_dir(directory: &Handle, path: &Path) -> io::Result<()> {
         // The umask of the process takes bits away, here and below.
         Ok(fs::mkdirat(directory, name(path), Mode::from_raw_mode(0o777))?)
     }
 
-    pub fn open_file(directory: &Handle, path: &Path) -> io::Result<File> {
+    pub(crate) fn open_file(directory: &Handle, path: &Path) -> io::Result<File> {
         // The opening of a device alone can change something.
         match kind(&found(directory, path)?) {
             FileType::RegularFile | FileType::Symlink => {
@@ -221,11 +201,11 @@ mod system {
         Ok(fs::openat(directory, name(path), flags, Mode::from_raw_mode(0o666))?.into())
     }
 
-    pub fn rename(directory: &Handle, from: &Path, to: &Path) -> io::Result<()> {
+    pub(crate) fn rename(directory: &Handle, from: &Path, to: &Path) -> io::Result<()> {
         Ok(fs::renameat(directory, name(from), directory, name(to))?)
     }
 
-    pub fn hard_link(directory: &Handle, from: &Path, to: &Path) -> io::Result<()> {
+    pub(crate) fn hard_link(directory: &Handle, from: &Path, to: &Path) -> io::Result<()> {
         Ok(fs::linkat(directory, name(from), directory, name(to), AtFlags::empty())?)
     }
 
@@ -233,15 +213,15 @@ mod system {
         Ok(fs::unlinkat(directory, name(path), AtFlags::empty())?)
     }
 
-    pub fn remove_dir(directory: &Handle, path: &Path) -> io::Result<()> {
+    pub(crate) fn remove_dir(directory: &Handle, path: &Path) -> io::Result<()> {
         Ok(fs::unlinkat(directory, name(path), AtFlags::REMOVEDIR)?)
     }
 
-    pub fn sync(directory: &Handle) -> io::Result<()> {
+    pub(crate) fn sync(directory: &Handle) -> io::Result<()> {
         Ok(fs::fsync(directory)?)
     }
 
-    pub fn is_at(directory: &Handle, file: &File, path: &Path) -> bool {
+    pub(crate) fn is_at(directory: &Handle, file: &File, path: &Path) -> bool {
         let open = fs::fstat(file);
         found(directory, path).is_ok_and(|found| {
             open.is_ok_and(|open| (open.st_dev, open.st_ino) == (found.st_dev, found.st_ino))
@@ -257,7 +237,7 @@ mod system {
     use std::io;
     use std::path::{Path, PathBuf};
 
-    pub type Handle = PathBuf;
+    pub(crate) type Handle = PathBuf;
 
     fn checked<'a>(directory: &Handle, path: &'a Path) -> io::Result<&'a Path> {
         if is_link(directory, path) { Err(super::is_a_link(path)) } else { Ok(path) }
@@ -267,19 +247,19 @@ mod system {
         fs::read_dir(path).map(|_| path.to_owned())
     }
 
-    pub fn open_inner(directory: &Handle, path: &Path) -> io::Result<Handle> {
+    pub(crate) fn open_inner(directory: &Handle, path: &Path) -> io::Result<Handle> {
         open(checked(directory, path)?)
     }
 
-    pub fn is_link(_: &Handle, path: &Path) -> bool {
+    pub(crate) fn is_link(_: &Handle, path: &Path) -> bool {
         path.is_symlink()
     }
 
-    pub fn create_dir(_: &Handle, path: &Path) -> io::Result<()> {
+    pub(crate) fn create_dir(_: &Handle, path: &Path) -> io::Result<()> {
         fs::create_dir(path)
     }
 
-    pub fn open_file(directory: &Handle, path: &Path) -> io::Result<File> {
+    pub(crate) fn open_file(directory: &Handle, path: &Path) -> io::Result<File> {
         if !fs::metadata(path)?.is_file() {
             return Err(super::super::not_ordinary());
         }
@@ -290,11 +270,11 @@ mod system {
         File::options().read(true).write(true).create_new(true).open(checked(directory, path)?)
     }
 
-    pub fn rename(_: &Handle, from: &Path, to: &Path) -> io::Result<()> {
+    pub(crate) fn rename(_: &Handle, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)
     }
 
-    pub fn hard_link(_: &Handle, from: &Path, to: &Path) -> io::Result<()> {
+    pub(crate) fn hard_link(_: &Handle, from: &Path, to: &Path) -> io::Result<()> {
         fs::hard_link(from, to)
     }
 
@@ -302,16 +282,16 @@ mod system {
         fs::remove_file(path)
     }
 
-    pub fn remove_dir(_: &Handle, path: &Path) -> io::Result<()> {
+    pub(crate) fn remove_dir(_: &Handle, path: &Path) -> io::Result<()> {
         fs::remove_dir(path)
     }
 
     /// Windows opens no directories.
-    pub fn sync(_: &Handle) -> io::Result<()> {
+    pub(crate) fn sync(_: &Handle) -> io::Result<()> {
         Ok(())
     }
 
-    pub fn is_at(_: &Handle, _: &File, path: &Path) -> bool {
+    pub(crate) fn is_at(_: &Handle, _: &File, path: &Path) -> bool {
         path.exists()
     }
 }

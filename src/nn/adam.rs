@@ -26,7 +26,7 @@ pub struct Adam<T> {
     /// m, the running mean of the gradient.
     pub first_moment: Vec<T>,
     /// v, the running mean of the gradient's square.
-    pub second_moment: Vec<T>,
+    pub(crate) second_moment: Vec<T>,
 }
 
 impl<T: Kernels> Adam<T> {

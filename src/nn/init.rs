@@ -7,7 +7,7 @@ use crate::rng::Rng;
 /// How the weights start. `in` and `out` are a layer's sizes; U(a) is uniform in ± a.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Init {
+pub(crate) enum Init {
     /// Weights U(√(6 / (in + out))), biases 0: Keras' default (Glorot and Bengio 2010, eq. 16).
     GlorotUniform,
     /// Weights U(√(6 / in)), biases 0 (He et al. 2015, eq. 10).

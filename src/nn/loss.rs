@@ -16,7 +16,7 @@ pub enum Loss {
 
 impl Loss {
     /// The loss of one TD error.
-    pub fn value<T: Float>(self, td_error: T) -> T {
+    pub(crate) fn value<T: Float>(self, td_error: T) -> T {
         let half = T::from_f64(0.5);
         match self {
             Self::Mse => td_error * td_error,
@@ -25,8 +25,7 @@ impl Loss {
         }
     }
 
-    /// Its derivative by the TD error.
-    pub fn derivative<T: Float>(self, td_error: T) -> T {
+    pub(crate) fn derivative<T: Float>(self, td_error: T) -> T {
         match self {
             Self::Mse => td_error + td_error,
             Self::Huber => td_error.clamp(-T::ONE, T::ONE),

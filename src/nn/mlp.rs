@@ -38,7 +38,7 @@ impl<T: Kernels> Activations<T> {
     }
 
     /// Copies the network's input, (batch, in).
-    pub fn set_input(&mut self, input: &DMatrix<T>) {
+    pub(crate) fn set_input(&mut self, input: &DMatrix<T>) {
         self.layers[0].as_mut_slice().copy_from_slice(input.as_slice());
     }
 
@@ -48,7 +48,7 @@ impl<T: Kernels> Activations<T> {
     }
 
     /// The outputs of the hidden layers.
-    pub fn hidden(&self) -> &[DMatrix<T>] {
+    pub(crate) fn hidden(&self) -> &[DMatrix<T>] {
         &self.layers[1..self.layers.len() - 1]
     }
 
@@ -108,7 +108,7 @@ impl<T: Kernels> Mlp<T> {
     }
 
     /// Moves the share `tau` of the way to `other`, which has the same sizes: θ⁻ ← θ⁻ + τ (θ − θ⁻).
-    pub fn move_towards(&mut self, other: &Self, tau: T) {
+    pub(crate) fn move_towards(&mut self, other: &Self, tau: T) {
         T::soft_update(tau, &other.parameters, &mut self.parameters);
     }
 

@@ -18,12 +18,15 @@ mod optimizer;
 
 use serde::{Deserialize, Serialize};
 
-pub use adam::{Adam, AdamConfig};
-pub use init::Init;
-pub use kernels::{Float, Kernels};
+pub use adam::Adam;
+pub use adam::AdamConfig;
+pub(crate) use init::Init;
+pub(crate) use kernels::Float;
+pub use kernels::Kernels;
 pub use loss::Loss;
-pub use mlp::{Activations, Mlp};
-pub use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm, norm};
+pub use mlp::Activations;
+pub use mlp::Mlp;
+pub(crate) use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm, norm};
 
 /// The shape and the start of the Q-network. Configs that earlier versions recorded have one more key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -31,7 +34,7 @@ pub struct NetworkConfig {
     /// Units of each hidden layer, first to last; `[]` is a linear network.
     pub hidden: Vec<usize>,
     /// How the weights start.
-    pub init: Init,
+    pub(crate) init: Init,
 }
 
 impl NetworkConfig {

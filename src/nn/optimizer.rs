@@ -45,7 +45,7 @@ pub struct LearningRate {
 
 impl LearningRate {
     /// Step size after `env_steps` environment steps of the run.
-    pub fn after(&self, env_steps: u64) -> f64 {
+    pub(crate) fn after(&self, env_steps: u64) -> f64 {
         match self.schedule {
             None => self.learning_rate,
             Some(schedule) if env_steps >= schedule.steps => schedule.final_learning_rate,
@@ -72,7 +72,7 @@ impl OptimizerConfig {
 }
 
 /// ‖g‖, whose squares are summed in f64 in the order of memory.
-pub fn norm(values: &[f32]) -> f64 {
+pub(crate) fn norm(values: &[f32]) -> f64 {
     values.iter().map(|&value| f64::from(value) * f64::from(value)).sum::<f64>().sqrt()
 }
 
@@ -82,7 +82,7 @@ pub fn norm(values: &[f32]) -> f64 {
 /// ```text
 /// g ← g · min(1, max_norm / (‖g‖ + 1e-6))
 /// ```
-pub fn clip_norm(gradient: &mut [f32], max_norm: f64) {
+pub(crate) fn clip_norm(gradient: &mut [f32], max_norm: f64) {
     let factor = max_norm / (norm(gradient) + 1e-6);
     if factor < 1.0 {
         gradient.iter_mut().for_each(|g| *g *= factor as f32);

@@ -12,7 +12,7 @@ pub fn steps_to_solve(evaluations: &[Evaluation], task: &Spec) -> Option<u64> {
 }
 
 /// The key that ended a run before its budget was used up; none if no key did.
-pub fn stopped_by(reason: EndReason) -> Option<&'static str> {
+pub(crate) fn stopped_by(reason: EndReason) -> Option<&'static str> {
     match reason {
         EndReason::Lasting => Some("stop_when_lasting_steps"),
         EndReason::Solved => Some("stop_when_solved"),

@@ -24,7 +24,7 @@ const SCRIPT: &str = include_str!("html/page.js");
 const POLICY: &str = include_str!("html/policy.html");
 
 /// Whether a file with this beginning may be a [`page`], which another page may replace.
-pub fn is_page(start: &[u8]) -> bool {
+pub(crate) fn is_page(start: &[u8]) -> bool {
     let own = PAGE.split("{{").next().unwrap_or_default();
     start.starts_with(own.as_bytes())
 }
@@ -33,7 +33,7 @@ pub fn is_page(start: &[u8]) -> bool {
 ///
 /// # Errors
 /// When a directory is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
-pub fn page(directories: &[PathBuf]) -> Result<String, ReportError> {
+pub(crate) fn page(directories: &[PathBuf]) -> Result<String, ReportError> {
     let kinds = directories.iter().map(|directory| is_study(directory)).collect::<Result<Vec<_>, _>>()?;
     match (kinds.iter().position(|is_study| *is_study), directories) {
         (None, _) => runs_page(directories),

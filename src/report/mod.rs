@@ -22,8 +22,9 @@ use std::path::Path;
 
 use serde_json::Value;
 
-pub use html::{is_page, page};
-pub use study::{describe_last_tries, standing};
+pub(crate) use html::{is_page, page};
+pub(crate) use study::describe_last_tries;
+pub use study::standing;
 
 use crate::files::read_text_limited;
 use crate::run::names::{MANIFEST, METRICS};
@@ -42,18 +43,17 @@ pub const FORMAT_VERSION: u32 = 1;
 const MAX_FILE_SIZE: u64 = 1 << 30;
 
 /// Writes the content of a file: the table of a large study would fill the memory.
-pub type Content = Box<dyn Fn(&mut dyn Write) -> io::Result<()>>;
+pub(crate) type Content = Box<dyn Fn(&mut dyn Write) -> io::Result<()>>;
 
 /// A finished report.
 pub struct Report {
-    /// For people.
-    pub text: String,
+    pub(crate) text: String,
     /// `report.json`.
-    pub json: Value,
+    pub(crate) json: Value,
     /// The other files: name and content.
-    pub files: Vec<(&'static str, Content)>,
+    pub(crate) files: Vec<(&'static str, Content)>,
     /// Notes on the lines that it ignores.
-    pub notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// Why there is no report.
@@ -103,7 +103,7 @@ impl Report {
 }
 
 /// Whether a file with this beginning may be a file of a report other than its page.
-pub fn is_own(start: &[u8]) -> bool {
+pub(crate) fn is_own(start: &[u8]) -> bool {
     [JSON_START, CSV_START, svg::START].iter().any(|own| start.starts_with(own.as_bytes()))
 }
 

@@ -7,7 +7,7 @@ use std::ops::Range;
 use crate::rng::Rng;
 
 /// Most seeds with which a bootstrap draws seed by seed; with more seeds it draws group by group.
-pub const EXACT_SEEDS: usize = 10_000;
+pub(crate) const EXACT_SEEDS: usize = 10_000;
 /// No group of a sample is wider than this share of the sample's range.
 const WIDTHS: f64 = 1024.0;
 /// Up to this many equal values are added one by one, which gives the bits of a plain sum.
@@ -36,13 +36,8 @@ impl Sample {
         self.total
     }
 
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.total == 0
-    }
-
     /// The values, each with its count.
-    pub fn iter(&self) -> impl Iterator<Item = (f64, usize)> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (f64, usize)> {
         self.values.iter().copied().zip(self.counts.iter().copied())
     }
 
@@ -57,7 +52,7 @@ impl Sample {
     }
 
     /// The mean of the values at these places.
-    pub fn mean_of(&self, places: Range<usize>) -> f64 {
+    pub(crate) fn mean_of(&self, places: Range<usize>) -> f64 {
         let (mut end, mut sum) = (0, 0.0);
         for (value, count) in self.iter() {
             let start = end;

@@ -5,21 +5,21 @@
 
 use serde::Serialize;
 
-pub use super::sample::{EXACT_SEEDS, Sample, sorted};
+pub use super::sample::Sample;
+pub use super::sample::sorted;
 use crate::rng::Rng;
 
 /// Bootstrap resamples per interval.
-pub const RESAMPLES: usize = 2000;
+pub(crate) const RESAMPLES: usize = 2000;
 /// Seed of the resampling, the same for every interval, so that equal studies give equal bytes.
-pub const BOOTSTRAP_SEED: u64 = 0;
+pub(crate) const BOOTSTRAP_SEED: u64 = 0;
 /// With fewer seeds there are no intervals: a bootstrap of so few is too narrow.
-pub const LEAST_SEEDS: usize = 10;
+pub(crate) const LEAST_SEEDS: usize = 10;
 /// 0.975 quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
 /// A number and its 95 % interval; none with fewer than [`LEAST_SEEDS`] seeds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[allow(missing_docs)]
 pub struct Estimate {
     pub value: f64,
     pub low: Option<f64>,

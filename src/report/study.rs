@@ -90,7 +90,7 @@ fn runs(groups: &[Group]) -> impl Iterator<Item = (&str, u64, Vec<Evaluation>)> 
 }
 
 /// Why the last tries of missing trials ended, in words; nothing if there was none.
-pub fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
+pub(crate) fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
     last_try_lines(&last_tries(study, tries), &visible).iter().map(|line| wrapped(line, 0)).collect()
 }
 

@@ -36,7 +36,6 @@ const MAX_HEADER_SIZE: u64 = 100_000_000;
 /// A checkpoint in memory: named tensors, and the header if this program wrote it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checkpoint {
-    /// The tensors.
     pub tensors: Tensors,
     metadata: Option<String>,
 }
@@ -60,15 +59,13 @@ struct Seal {
 /// What is wrong with a checkpoint.
 #[derive(Debug, thiserror::Error)]
 #[error("checkpoint {}: {problem}", path.display())]
-#[allow(missing_docs)]
 pub struct CheckpointError {
     pub path: PathBuf,
-    pub problem: CheckpointProblem,
+    pub(crate) problem: CheckpointProblem,
 }
 
 /// See [`CheckpointError`].
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum CheckpointProblem {
     #[error("cannot be read: {0}")]
     Unreadable(io::Error),
@@ -122,7 +119,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// As [`Self::read`]. What does not begin as a safetensors file does is not read any further.
-    pub fn read_from(mut stream: impl Read) -> Result<Self, CheckpointProblem> {
+    pub(crate) fn read_from(mut stream: impl Read) -> Result<Self, CheckpointProblem> {
         let mut bytes = Vec::new();
         // The length of the header in 8 bytes, then the header, which is a JSON object.
         stream.by_ref().take(9).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
@@ -170,12 +167,16 @@ impl Checkpoint {
 
     /// As [`Self::write`], below a directory and through no link. The file that was there before stays under the name
     /// `kept`.
-    pub fn write_below(&self, directory: &Directory, path: &Path, kept: Option<&Path>) -> io::Result<()> {
+    pub(crate) fn write_below(
+        &self,
+        directory: &Directory,
+        path: &Path,
+        kept: Option<&Path>,
+    ) -> io::Result<()> {
         let bytes = self.to_bytes()?;
         directory.write_whole(path, kept, |file| file.write_all(&bytes))
     }
 
-    /// The header.
     pub fn header<H: DeserializeOwned>(&self) -> Result<H, CheckpointProblem> {
         let text = self.metadata.as_deref().ok_or(CheckpointProblem::NoHeader)?;
         self.version()?;

@@ -22,12 +22,12 @@ use crate::trainer::{Evaluation, Summary};
 
 /// Facts about a run that are no part of its result.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct About {
+pub(crate) struct About {
     /// The name of the config that the run was started with.
     pub config: String,
     /// Why the run cannot be trained any further with its config.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub failed: Option<String>,
+    pub(crate) failed: Option<String>,
 }
 
 /// A run's directory and the paths in it.
@@ -46,7 +46,7 @@ impl From<&Path> for RunDir {
 
 impl RunDir {
     /// What `train` makes in the directory of every run.
-    pub const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
+    pub(crate) const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
 
     /// Makes the directory of a new run, with its config and the file for its metrics; nothing of it stays on an error.
     /// A directory with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
@@ -170,7 +170,7 @@ impl RunDir {
     }
 
     /// Opens and locks the metrics: until they are dropped, no other process can change the run.
-    pub fn take(&self) -> Result<JsonLines, RunError> {
+    pub(crate) fn take(&self) -> Result<JsonLines, RunError> {
         let opened = self.directory().and_then(|directory| JsonLines::open(directory, &self.metrics()));
         opened.map_err(|error| match error.kind() {
             io::ErrorKind::WouldBlock => in_use(&self.path),
@@ -189,7 +189,7 @@ impl RunDir {
     }
 
     /// The config of the run in the directory.
-    pub fn read_config(&self) -> Result<Config, RunError> {
+    pub(crate) fn read_config(&self) -> Result<Config, RunError> {
         if !self.path.is_dir() {
             let problem = if self.path.exists() { "is not a directory" } else { "does not exist" };
             return Err(bad(
@@ -238,12 +238,12 @@ impl RunDir {
     }
 
     /// Writes a value whole as indented JSON.
-    pub fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
+    pub(crate) fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
         self.directory()?.write_json(path, value)
     }
 
     /// The directory, in which nothing is reached through a link.
-    pub fn directory(&self) -> io::Result<&Directory> {
+    pub(crate) fn directory(&self) -> io::Result<&Directory> {
         match self.directory.get() {
             Some(directory) => Ok(directory),
             None => {
@@ -321,23 +321,22 @@ impl RunDir {
     }
 
     /// Whether the run has event files of TensorBoard.
-    pub fn has_events(&self) -> bool {
+    pub(crate) fn has_events(&self) -> bool {
         let entries = fs::read_dir(self.tensorboard());
         entries.is_ok_and(|entries| entries.flatten().any(|entry| self.is_events(&entry.path())))
     }
 
-    /// The directory.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// What is known of the run; none of one that an earlier version has started.
-    pub fn read_about(&self) -> Option<About> {
+    pub(crate) fn read_about(&self) -> Option<About> {
         serde_json::from_str(&read_text_limited(&self.about(), MAX_BYTES).ok()?).ok()
     }
 
     /// Records why the run cannot be trained any further, or that it can.
-    pub fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
+    pub(crate) fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
         match self.read_about() {
             Some(about) if about.failed != failed => {
                 self.write_json(&self.about(), &About { failed, ..about })
@@ -378,7 +377,7 @@ fn is_ordinary(path: &Path) -> bool {
 }
 
 /// The checkpoint that a user means: the file itself, or of a run's directory the best, else the last.
-pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
+pub(crate) fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
     if !path.is_dir() {
         return Ok(path.to_owned());
     }
@@ -408,7 +407,7 @@ pub fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
 }
 
 /// The evaluation at the end of the run that a checkpoint belongs to, as the run's summary has it, and the checkpoint of that policy.
-pub fn final_evaluation(checkpoint: &Path) -> Option<(Evaluation, PathBuf)> {
+pub(crate) fn final_evaluation(checkpoint: &Path) -> Option<(Evaluation, PathBuf)> {
     let checkpoints = checkpoint.parent().filter(|above| above.ends_with(CHECKPOINTS))?;
     let run = RunDir::from(checkpoints.parent()?);
     let summary: Summary = serde_json::from_str(&read_text_limited(&run.summary(), MAX_BYTES).ok()?).ok()?;

@@ -13,7 +13,7 @@ const MAX_LINE: u64 = 1 << 16;
 ///
 /// # Errors
 /// When the file cannot be read, a line is not an event, or the steps of an event are fewer than those before.
-pub fn read_events(path: &Path, mut take: impl FnMut(Event)) -> io::Result<()> {
+pub(crate) fn read_events(path: &Path, mut take: impl FnMut(Event)) -> io::Result<()> {
     let mut reader = BufReader::new(open_ordinary(path)?);
     let (mut line, mut last_step) = (Vec::new(), 0);
     for number in 1.. {

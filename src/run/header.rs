@@ -35,7 +35,7 @@ fn config_with_defaults<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Co
 
 /// A config as a checkpoint holds it, without what says when the run ends: a run that is extended leaves the bytes of one that
 /// had the larger budget from the start.
-pub fn config_of_checkpoint(config: &Config) -> Value {
+pub(crate) fn config_of_checkpoint(config: &Config) -> Value {
     let mut value = json!(config);
     for key in ["budget", "stop_when_lasting_steps"] {
         value.as_object_mut().map(|keys| keys.shift_remove(key));

@@ -4,7 +4,7 @@ mod checkpoint;
 mod dir;
 mod events;
 mod header;
-pub mod names;
+pub(crate) mod names;
 mod record;
 mod resume;
 mod verify;
@@ -16,17 +16,24 @@ use crate::config::ConfigError;
 use crate::env::EnvironmentError;
 use crate::text::shown;
 
-pub use checkpoint::{Checkpoint, CheckpointError, CheckpointProblem, FORMAT_VERSION, seal};
-pub use dir::{About, RunDir, checkpoint_of, final_evaluation};
-pub use events::read_events;
-pub use header::{Header, SavedPolicy, config_of_checkpoint};
-pub use record::{Recorder, RunRecord};
-pub use resume::{EndedRun, Resumed, Started, first_step, load, resume, start, start_again};
-pub use verify::{Extent, compare_files, compare_summaries, read_summary};
+pub use checkpoint::Checkpoint;
+pub(crate) use checkpoint::CheckpointError;
+pub use checkpoint::CheckpointProblem;
+pub use checkpoint::FORMAT_VERSION;
+pub use checkpoint::seal;
+pub use dir::RunDir;
+pub(crate) use dir::{checkpoint_of, final_evaluation};
+pub(crate) use events::read_events;
+pub use header::Header;
+pub use header::SavedPolicy;
+pub(crate) use header::config_of_checkpoint;
+pub(crate) use record::{Recorder, RunRecord};
+pub use resume::load;
+pub(crate) use resume::{EndedRun, Resumed, Started, first_step, resume, start, start_again};
+pub(crate) use verify::{Extent, compare_files, compare_summaries, read_summary};
 
 /// Why a run cannot be made, opened or resumed.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum RunError {
     /// The directory, or something in it, cannot be used.
     #[error("directory {} {problem}", shown(path))]

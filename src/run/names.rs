@@ -1,40 +1,39 @@
 //! The names of the files in the directory of a run or a study: their one home.
 
 /// What a run writes into its directory.
-pub const CONFIG: &str = "config.json";
+pub(crate) const CONFIG: &str = "config.json";
 /// What the run was started as, and whether it has failed.
-pub const ABOUT: &str = "run.json";
+pub(crate) const ABOUT: &str = "run.json";
 /// One event a line.
-pub const METRICS: &str = "metrics.jsonl";
+pub(crate) const METRICS: &str = "metrics.jsonl";
 /// A table of events that earlier versions wrote.
-pub const PROGRESS: &str = "progress.csv";
+pub(crate) const PROGRESS: &str = "progress.csv";
 /// What the run came to.
-pub const SUMMARY: &str = "summary.json";
+pub(crate) const SUMMARY: &str = "summary.json";
 /// The directory of the checkpoints.
-pub const CHECKPOINTS: &str = "checkpoints";
+pub(crate) const CHECKPOINTS: &str = "checkpoints";
 /// The directory of the event files for TensorBoard.
-pub const TENSORBOARD: &str = "tensorboard";
+pub(crate) const TENSORBOARD: &str = "tensorboard";
 
 /// The checkpoint with the best policy.
-pub const BEST: &str = "best.safetensors";
+pub(crate) const BEST: &str = "best.safetensors";
 /// The latest checkpoint.
-pub const LAST: &str = "last.safetensors";
+pub(crate) const LAST: &str = "last.safetensors";
 /// The periodic checkpoint before it.
-pub const PREVIOUS: &str = "previous.safetensors";
+pub(crate) const PREVIOUS: &str = "previous.safetensors";
 /// The weights that a run began with, where they were not drawn.
-pub const INIT: &str = "init.safetensors";
+pub(crate) const INIT: &str = "init.safetensors";
 
 /// What a study is made of.
-pub const MANIFEST: &str = "study.json";
+pub(crate) const MANIFEST: &str = "study.json";
 
 /// The report of a run or a study, for programs.
-pub const REPORT: &str = "report.json";
+pub(crate) const REPORT: &str = "report.json";
 /// Its table of evaluations.
-pub const EVALUATIONS: &str = "evaluations.csv";
-/// Its page.
-pub const PAGE: &str = "report.html";
+pub(crate) const EVALUATIONS: &str = "evaluations.csv";
+pub(crate) const PAGE: &str = "report.html";
 /// Its plots: those of a study, and that of a run.
-pub const PLOTS: [&str; 5] = [
+pub(crate) const PLOTS: [&str; 5] = [
     "learning_curves.svg",
     "performance_profile.svg",
     "steps_to_solve.svg",
@@ -43,6 +42,6 @@ pub const PLOTS: [&str; 5] = [
 ];
 
 /// Whether a file of this name belongs to a report.
-pub fn is_of_a_report(name: &std::ffi::OsStr) -> bool {
+pub(crate) fn is_of_a_report(name: &std::ffi::OsStr) -> bool {
     [REPORT, EVALUATIONS, PAGE].into_iter().chain(PLOTS).any(|part| name == part)
 }

@@ -14,7 +14,7 @@ use crate::tensors::sha256;
 use crate::trainer::{self, CheckpointKind, EndReason, Event, Observer, Summary, Trainer};
 
 /// Keeps a run in its directory. As long as the recorder is there, no other process can change the run.
-pub struct Recorder {
+pub(crate) struct Recorder {
     dir: RunDir,
     config: Config,
     metrics: JsonLines,
@@ -57,12 +57,11 @@ const MAX_HASHED: u64 = 1 << 32;
 
 /// `summary.json`: the summary of a run, and what it takes to repeat the run.
 #[derive(Serialize)]
-pub struct RunRecord {
-    /// The summary.
+pub(crate) struct RunRecord {
     #[serde(flatten)]
-    pub summary: Summary,
+    pub(crate) summary: Summary,
     /// Mean return of the last 100 training episodes, or of as many as there are.
-    pub mean_return_100: Option<f64>,
+    pub(crate) mean_return_100: Option<f64>,
     /// SHA-256 over the weights that `--init-from` gave the run; none if they were drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
     init_sha256: Option<String>,
@@ -77,7 +76,7 @@ pub struct RunRecord {
 
 impl RunRecord {
     /// Fields that may differ between equal runs.
-    pub const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
+    pub(crate) const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
 
     /// The record of a run in a directory.
     pub fn new(run: &RunDir, trainer: &Trainer, reason: EndReason, wall_seconds: f64) -> Self {

@@ -17,21 +17,18 @@ use crate::text::shown;
 use crate::trainer::{Budget, EndReason, Observer, ResumeError, TrainError, Trainer};
 
 /// A run that can be trained.
-pub struct Started {
-    /// Its directory.
-    pub dir: RunDir,
-    /// Its config.
+pub(crate) struct Started {
+    pub(crate) dir: RunDir,
     pub config: Config,
-    /// The run.
-    pub trainer: Trainer,
+    pub(crate) trainer: Trainer,
     /// Keeps it in its directory.
-    pub recorder: Recorder,
+    pub(crate) recorder: Recorder,
     /// Notes for the user; nothing has failed.
-    pub notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// What comes of resuming a run.
-pub enum Resumed {
+pub(crate) enum Resumed {
     /// The run can be trained.
     Run(Box<Started>),
     /// The run has ended.
@@ -39,26 +36,25 @@ pub enum Resumed {
 }
 
 /// A run that has ended, so that there is nothing to resume.
-pub struct EndedRun {
-    /// Its directory.
-    pub dir: RunDir,
+pub(crate) struct EndedRun {
+    pub(crate) dir: RunDir,
     /// Its config with the given settings.
     pub config: Config,
     /// Why there is nothing to train, for the user.
-    pub why: String,
+    pub(crate) why: String,
     /// Whether the given settings change the run.
-    pub is_extended: bool,
+    pub(crate) is_extended: bool,
     /// Settings with which it would train further.
-    pub sets: Vec<String>,
+    pub(crate) sets: Vec<String>,
     /// Whether these settings extend this run; otherwise they need a new run.
-    pub can_resume: bool,
+    pub(crate) can_resume: bool,
 }
 
 /// Makes a new run in a directory. `name` is what its config is called, and `init` the policy that it starts with: a run's directory or a file.
 ///
 /// # Errors
 /// When the directory cannot be used, or the policy does not fit; nothing of the run stays then.
-pub fn start(
+pub(crate) fn start(
     path: &Path,
     force: bool,
     name: &str,
@@ -75,7 +71,7 @@ pub fn start(
 }
 
 /// Makes a directory for the repetition of a run.
-pub fn start_again(
+pub(crate) fn start_again(
     path: &Path,
     config: &Config,
     init: Option<&Checkpoint>,
@@ -126,7 +122,7 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
 }
 
 /// The run of a directory before its first step, and the weights that it starts with where they are not drawn.
-pub fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Checkpoint>), RunError> {
+pub(crate) fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Option<Checkpoint>), RunError> {
     let mut trainer = config.make_trainer()?;
     let init = run.init().exists().then(|| start_from(&run.init(), &mut trainer)).transpose()?;
     Ok((trainer, init))

@@ -20,15 +20,15 @@ const MAX_LINE: u64 = 1 << 20;
 const SHOWN: usize = 300;
 
 /// How far a run is compared.
-pub struct Extent {
+pub(crate) struct Extent {
     /// None: to its end.
     pub env_steps: Option<u64>,
     /// Lines of the metrics.
-    pub lines: u64,
+    pub(crate) lines: u64,
 }
 
 /// The differences between the metrics and checkpoints of a run and of its repetition.
-pub fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, RunError> {
+pub(crate) fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, RunError> {
     let mut differences = Vec::new();
     differences.extend(compare_lines("metrics.jsonl", &run.metrics(), &again.metrics(), extent.lines)?);
     for name in [BEST, LAST, PREVIOUS] {
@@ -96,7 +96,7 @@ fn step_of(best: &Path) -> Option<u64> {
 }
 
 /// The recorded summary, if it is of the config beside it: another config may train for ever.
-pub fn read_summary(run: &RunDir) -> Result<Value, RunError> {
+pub(crate) fn read_summary(run: &RunDir) -> Result<Value, RunError> {
     let unreadable =
         |error: io::Error| bad(run.path(), format!("has a summary.json that cannot be read: {error}"));
     let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(unreadable)?;
@@ -124,7 +124,7 @@ pub fn read_summary(run: &RunDir) -> Result<Value, RunError> {
 }
 
 /// The difference between the summaries, apart from the circumstances of the training.
-pub fn compare_summaries(recorded: Value, repeated: &RunRecord) -> Option<String> {
+pub(crate) fn compare_summaries(recorded: Value, repeated: &RunRecord) -> Option<String> {
     let outcome = |mut summary: Value| {
         if let Some(fields) = summary.as_object_mut() {
             RunRecord::CIRCUMSTANCES.iter().for_each(|field| drop(fields.remove(*field)));

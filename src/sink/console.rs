@@ -13,7 +13,7 @@ const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Shows the progress of a run.
 #[derive(Debug)]
-pub struct Console {
+pub(crate) struct Console {
     bar: ProgressBar,
     budget: Budget,
     /// When the first episode with learning ended, and the environment steps until then: the speed is measured from there, because
@@ -112,7 +112,7 @@ impl Drop for Console {
 
 /// Prints a line for every N-th episode, as the tutorial does.
 #[derive(Debug)]
-pub struct EpisodeLog {
+pub(crate) struct EpisodeLog {
     /// Empty where the budget does not count episodes.
     of_total: String,
     every: u64,

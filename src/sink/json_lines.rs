@@ -55,10 +55,7 @@ impl JsonLines {
     }
 
     /// Keeps only the first `lines` lines; changes nothing and returns false if there are fewer whole lines.
-    ///
-    /// # Errors
-    /// When the file cannot be read or written.
-    pub fn cut(&mut self, lines: u64) -> io::Result<bool> {
+    pub(crate) fn cut(&mut self, lines: u64) -> io::Result<bool> {
         self.file.rewind()?;
         let (mut reader, mut found, mut length) = (BufReader::new(&self.file), 0, 0);
         while found < lines {
@@ -78,10 +75,7 @@ impl JsonLines {
     }
 
     /// Flushes all events to the disk.
-    ///
-    /// # Errors
-    /// When that fails.
-    pub fn sync(&mut self) -> io::Result<()> {
+    pub(crate) fn sync(&mut self) -> io::Result<()> {
         self.file.sync_data()
     }
 }

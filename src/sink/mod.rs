@@ -7,10 +7,10 @@ mod json_lines;
 mod tensorboard;
 
 #[cfg(feature = "cli")]
-pub use console::{Console, EpisodeLog};
-pub use json_lines::JsonLines;
+pub(crate) use console::{Console, EpisodeLog};
+pub(crate) use json_lines::JsonLines;
 #[cfg(feature = "tensorboard")]
-pub use tensorboard::TensorBoard;
+pub(crate) use tensorboard::TensorBoard;
 
 /// The prefix by which TensorBoard finds event files.
-pub const TENSORBOARD_PREFIX: &str = "events.out.tfevents.";
+pub(crate) const TENSORBOARD_PREFIX: &str = "events.out.tfevents.";

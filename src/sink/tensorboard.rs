@@ -23,7 +23,7 @@ const RECENT: usize = 100;
 
 /// Appends events to an event file, against environment steps. The format demands wall-clock times, so this is the one file of
 /// a run whose bytes differ each time.
-pub struct TensorBoard {
+pub(crate) struct TensorBoard {
     file: BufWriter<File>,
     /// The learning rate after a number of environment steps.
     learning_rate: Box<dyn Fn(u64) -> f64>,

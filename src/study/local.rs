@@ -10,7 +10,7 @@ use crate::config::Config;
 use crate::env::Make;
 
 /// The environments of a config.
-pub type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
+pub(crate) type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
 
 impl StudyDir {
     /// Runs these trials on `jobs` threads, in the environments that `make` gives for the configs, and shows each to `done` when it
@@ -69,10 +69,7 @@ impl StudyDir {
     }
 
     /// Runs the first trial and keeps nothing of it.
-    ///
-    /// # Errors
-    /// When it does not come to its end.
-    pub fn try_first(&self, stop: &AtomicBool) -> Result<Trial, Unended> {
+    pub(crate) fn try_first(&self, stop: &AtomicBool) -> Result<Trial, Unended> {
         let Study { configs, seeds, lasting, .. } = self.study();
         let named = &configs[0];
         Trial::run(named, named.config.make(), seeds.start, *lasting, None, stop)

@@ -20,7 +20,7 @@ use crate::text::excerpt;
 /// Version of the files of a study.
 pub const FORMAT_VERSION: u32 = 2;
 /// Most seeds of a study: a mistyped number must not fill the memory.
-pub const MAX_SEEDS: u64 = 1_000_000;
+pub(crate) const MAX_SEEDS: u64 = 1_000_000;
 /// Largest `study.json` that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 26;
 
@@ -28,16 +28,16 @@ const MAX_FILE_SIZE: u64 = 1 << 26;
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Study {
     /// [`FORMAT_VERSION`].
-    pub format_version: u32,
+    pub(crate) format_version: u32,
     /// The program's version: another one may train with other bits.
-    pub version: String,
+    pub(crate) version: String,
     /// The configs, each with a name of its own.
-    pub configs: Vec<NamedConfig>,
+    pub(crate) configs: Vec<NamedConfig>,
     /// The seeds that each config is trained with.
-    pub seeds: Range<u64>,
+    pub(crate) seeds: Range<u64>,
     /// Whether its trials test if policies last [`super::LASTING_STEPS`] steps.
     #[serde(rename = "endurance", default, skip_serializing_if = "std::ops::Not::not")]
-    pub lasting: bool,
+    pub(crate) lasting: bool,
 }
 
 /// One config of a study.
@@ -109,13 +109,13 @@ impl Study {
     }
 
     /// Whether one of its trials belongs to a part.
-    pub fn is_in(&self, shard: Shard, (config, seed): (usize, u64)) -> bool {
+    pub(crate) fn is_in(&self, shard: Shard, (config, seed): (usize, u64)) -> bool {
         let number = u128::from(seed - self.seeds.start) * self.configs.len() as u128 + config as u128;
         number % shard.count as u128 == shard.index as u128
     }
 
     /// How many trials the study has.
-    pub fn total(&self) -> u64 {
+    pub(crate) fn total(&self) -> u64 {
         (self.configs.len() as u64).saturating_mul(self.seeds.end.saturating_sub(self.seeds.start))
     }
 

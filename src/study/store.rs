@@ -45,30 +45,28 @@ pub struct StudyDir {
 
 /// A finished trial, as a reader of the directory gets it.
 #[derive(Debug)]
-#[allow(missing_docs)]
 pub struct Finished {
     /// Index of its config.
     pub config: usize,
-    pub trial: Trial<TrialSummary>,
+    pub(crate) trial: Trial<TrialSummary>,
 }
 
 /// What a reader of the finished trials is not shown.
 #[derive(Debug, Default)]
 pub struct Omitted {
     /// Notes on unfinished lines, and on trials with seeds that the study does not have.
-    pub notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
     /// The trials that have begun and have no line, in the order of config and seed.
-    pub last_tries: Vec<LastTry>,
+    pub(crate) last_tries: Vec<LastTry>,
 }
 
 /// How the last try of a trial without a line ended.
 #[derive(Debug)]
-#[allow(missing_docs)]
-pub struct LastTry {
+pub(crate) struct LastTry {
     /// Index of its config.
     pub config: usize,
     pub seed: u64,
-    pub reason: String,
+    pub(crate) reason: String,
 }
 
 impl StudyDir {
@@ -108,18 +106,17 @@ impl StudyDir {
         Ok(Self { path: path.into(), directory, study })
     }
 
-    /// Its path.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// What the study runs.
-    pub fn study(&self) -> &Study {
+    pub(crate) fn study(&self) -> &Study {
         &self.study
     }
 
     /// The environments of its configs, which may need a permission to be started.
-    pub fn environments_mut(&mut self) -> impl Iterator<Item = &mut EnvironmentConfig> {
+    pub(crate) fn environments_mut(&mut self) -> impl Iterator<Item = &mut EnvironmentConfig> {
         self.study.configs.iter_mut().map(|named| &mut named.config.environment)
     }
 
@@ -167,10 +164,7 @@ impl StudyDir {
 
     /// Removes the checkpoints of trials that have their line, which killed processes have left. Once every trial has its line, no
     /// process writes below `unfinished/`, and the directory is removed.
-    ///
-    /// # Errors
-    /// See [`Self::read`].
-    pub fn tidy(&self) -> Result<(), StudyError> {
+    pub(crate) fn tidy(&self) -> Result<(), StudyError> {
         let unfinished = self.path.join(UNFINISHED);
         if unfinished.is_dir() {
             let found = self.read_all(&mut |_| Ok(()))?.found;

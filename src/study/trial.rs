@@ -22,40 +22,38 @@ use crate::trainer::{
 };
 
 /// Episodes that score a policy, as many as `eval` plays.
-pub const SCORE_EPISODES: u64 = 100;
+pub(crate) const SCORE_EPISODES: u64 = 100;
 /// Steps that a policy must last where the study asks: 400 s, in which a cart that drifts has left the track.
-pub const LASTING_STEPS: u32 = 20_000;
+pub(crate) const LASTING_STEPS: u32 = 20_000;
 
 /// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers need only a part of
 /// the summary and have another type `S` for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
 pub struct Trial<S = Value> {
     pub config: String,
     pub seed: u64,
     /// How the training diverged; none if it did not.
-    pub error: Option<String>,
+    pub(crate) error: Option<String>,
     /// What the run came to, as in `summary.json` without `wall_seconds`; none if it diverged.
-    pub summary: Option<S>,
+    pub(crate) summary: Option<S>,
     /// Score of the policy with the best evaluation; none if the run diverged before the first.
-    pub best: Option<PolicyScore>,
+    pub(crate) best: Option<PolicyScore>,
     /// Score of the policy at the end; none if the run diverged.
     #[serde(rename = "final")]
-    pub final_: Option<PolicyScore>,
+    pub(crate) final_: Option<PolicyScore>,
     pub evaluations: Vec<Evaluation>,
 }
 
 /// What readers of a study need of a summary.
 #[derive(Debug, Deserialize)]
-pub struct TrialSummary {
+pub(crate) struct TrialSummary {
     /// Why the run ended.
-    pub end_reason: Option<EndReason>,
+    pub(crate) end_reason: Option<EndReason>,
 }
 
 /// What a policy gets in [`SCORE_EPISODES`] episodes from [`SCORE_SEED`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub struct PolicyScore {
+pub(crate) struct PolicyScore {
     /// Environment steps of training before it.
     pub env_steps: u64,
     pub mean: f64,
@@ -66,7 +64,7 @@ pub struct PolicyScore {
     pub max: f64,
     /// Whether the policy [lasts](lasts()) [`LASTING_STEPS`] steps; none where the study does not ask.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lasts: Option<bool>,
+    pub(crate) lasts: Option<bool>,
 }
 
 impl PolicyScore {
@@ -97,18 +95,17 @@ struct TrialHeader {
 /// A try that has not come to its end.
 #[derive(Debug, thiserror::Error)]
 #[error("{config}, seed {seed}: {cause}")]
-#[allow(missing_docs)]
 pub struct Unended {
     pub config: String,
     pub seed: u64,
-    pub cause: Cause,
+    pub(crate) cause: Cause,
     /// Whether the study keeps a checkpoint of it. Otherwise the next try begins at the first step.
-    pub is_kept: bool,
+    pub(crate) is_kept: bool,
 }
 
 /// What ends a try without a result.
 #[derive(Debug, thiserror::Error)]
-pub enum Cause {
+pub(crate) enum Cause {
     /// It was asked to stop.
     #[error("stopped by a signal or --time-limit after step {0}")]
     Stopped(u64),
@@ -209,7 +206,7 @@ impl Trial {
     }
 
     /// Whether the final policy solves the task.
-    pub fn solved(&self, spec: &Spec) -> bool {
+    pub(crate) fn solved(&self, spec: &Spec) -> bool {
         self.final_.as_ref().is_some_and(|score| spec.is_solved_by(score.mean))
     }
 }

@@ -207,24 +207,23 @@ fn lockstep(
 }
 
 /// A moment of an episode that is being played.
-pub struct Moment<'a> {
-    /// The environment.
-    pub environment: &'a mut dyn Environment,
+pub(crate) struct Moment<'a> {
+    pub(crate) environment: &'a mut dyn Environment,
     /// Steps before it.
-    pub step: u64,
+    pub(crate) step: u64,
     /// What the agent sees.
     pub observation: &'a [f32],
     /// What the step before it brought; none at the start.
-    pub outcome: Option<Outcome>,
+    pub(crate) outcome: Option<Outcome>,
     /// The action that is taken in it; none at the end.
     pub action: Option<usize>,
     /// The Q-values on which it is taken; empty at the end, and of an actor that has none.
-    pub q_values: Vec<f32>,
+    pub(crate) q_values: Vec<f32>,
 }
 
 impl Moment<'_> {
     /// The environment's state, or the observation of one that shows none.
-    pub fn state(&self) -> Vec<f64> {
+    pub(crate) fn state(&self) -> Vec<f64> {
         let shown = || self.observation.iter().map(|&value| f64::from(value)).collect();
         self.environment.state().map_or_else(shown, <[f64]>::to_vec)
     }
@@ -234,7 +233,7 @@ impl Moment<'_> {
 ///
 /// # Errors
 /// The first error of the environment or of `see`, which ends the episode.
-pub fn play<X: From<EnvironmentError>>(
+pub(crate) fn play<X: From<EnvironmentError>>(
     actor: &mut impl Actor,
     environment: &mut dyn Environment,
     seed: u64,
@@ -268,7 +267,7 @@ fn play_from<X: From<EnvironmentError>>(
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
     /// Every moment of it, the end included.
-    pub frames: Vec<Frame>,
+    pub(crate) frames: Vec<Frame>,
     /// The undiscounted return.
     pub total: f64,
     /// Whether the task itself ended it.
@@ -277,17 +276,17 @@ pub struct Recording {
 
 /// One moment of an episode.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub(crate) struct Frame {
     /// The environment's state, or the observation of one that shows none.
     pub state: Vec<f64>,
     /// What the agent saw.
     pub observation: Vec<f32>,
     /// What the environment looks like; none if it has no picture.
-    pub scene: Option<Scene>,
+    pub(crate) scene: Option<Scene>,
     /// The action that was taken in it; none at the end.
     pub action: Option<usize>,
     /// The Q-values on which it was taken; empty at the end.
-    pub q_values: Vec<f32>,
+    pub(crate) q_values: Vec<f32>,
 }
 
 /// Plays one episode of a policy and keeps it.

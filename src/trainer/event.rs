@@ -8,7 +8,6 @@ use crate::agent::NamedNumbers;
 /// (gradient steps) count from the start of the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
-#[allow(missing_docs)]
 pub enum Event {
     /// A training episode ended.
     Episode {
@@ -57,7 +56,7 @@ pub enum Event {
 
 impl Event {
     /// Environment steps of the run so far.
-    pub fn env_steps(&self) -> u64 {
+    pub(crate) fn env_steps(&self) -> u64 {
         match *self {
             Self::Episode { env_steps, .. }
             | Self::Evaluation { env_steps, .. }

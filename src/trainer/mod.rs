@@ -17,13 +17,23 @@ use crate::env::{EnvironmentError, Make, Spec};
 use crate::tensors::{TensorError, Tensors};
 use episode::TrainingEpisode;
 
-pub use evaluate::{
-    Frame, LASTING_EPISODES, LASTING_EPSILON, Moment, Recording, Score, evaluate, lasts, play, record,
-};
-pub use event::{EndReason, Event};
-pub use observer::{CheckpointKind, DueCheckpoint, Fanout, Observer};
-pub use progress::{Evaluation, Progress, Summary};
-pub use settings::{Budget, CheckpointConfig, EvaluationConfig, TrainerConfig};
+pub use evaluate::LASTING_EPISODES;
+pub use evaluate::LASTING_EPSILON;
+pub use evaluate::Score;
+pub use evaluate::evaluate;
+pub use evaluate::lasts;
+pub use evaluate::record;
+pub(crate) use evaluate::{Frame, Recording, play};
+pub use event::EndReason;
+pub use event::Event;
+pub use observer::CheckpointKind;
+pub use observer::DueCheckpoint;
+pub(crate) use observer::Fanout;
+pub use observer::Observer;
+pub use progress::Evaluation;
+pub(crate) use progress::{Progress, Summary};
+pub use settings::Budget;
+pub(crate) use settings::{CheckpointConfig, EvaluationConfig, TrainerConfig};
 
 /// Gymnasium seed of the first evaluation episode; the others follow. Training never resets from a seed.
 pub const EVALUATION_SEED: u64 = 1_000_000;
@@ -32,7 +42,6 @@ pub const SCORE_SEED: u64 = 2_000_000;
 
 /// Why a run failed.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum TrainError {
     #[error("training diverged: at environment step {env_steps} {what} became NaN or infinite")]
     Diverged { env_steps: u64, what: NotFinite },
@@ -47,7 +56,6 @@ pub enum TrainError {
 
 /// Why a run cannot be resumed.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
 pub enum ResumeError {
     #[error(transparent)]
     Tensor(#[from] TensorError),
@@ -259,7 +267,7 @@ impl Trainer {
     }
 
     /// Offers a checkpoint of the run to the observer, unless there was one at this step.
-    pub fn save_last(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
+    pub(crate) fn save_last(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
         self.save_best(observer)?;
         let (env_steps, period) = (self.progress.env_steps, self.config.checkpoint.every_steps);
         if self.saved_at == Some(env_steps) {
@@ -317,12 +325,12 @@ impl Trainer {
     }
 
     /// Records that from here on the run follows other schedules, so that no single config repeats it.
-    pub fn branch(&mut self) {
+    pub(crate) fn branch(&mut self) {
         self.progress.branched_at_step = Some(self.progress.env_steps);
     }
 
     /// Whether the run is already past its budget.
-    pub fn is_past_budget(&self) -> bool {
+    pub(crate) fn is_past_budget(&self) -> bool {
         self.progress.exceeds(self.config.budget)
     }
 
@@ -370,7 +378,7 @@ impl Trainer {
     }
 
     /// The agent, to be changed.
-    pub fn agent_mut(&mut self) -> &mut dyn Agent {
+    pub(crate) fn agent_mut(&mut self) -> &mut dyn Agent {
         &mut *self.agent
     }
 

@@ -8,18 +8,12 @@ use crate::agent::Policy;
 /// Takes what happens in a run. An error ends the run.
 pub trait Observer {
     /// Takes one event.
-    ///
-    /// # Errors
-    /// When it cannot be kept.
     fn event(&mut self, event: &Event) -> io::Result<()>;
 
     /// Sees the policy of an evaluation, before its event.
     fn policy(&mut self, _policy: &Policy) {}
 
     /// May keep a checkpoint. Every event before it must then outlast a crash: resuming expects them.
-    ///
-    /// # Errors
-    /// When it cannot be kept. The message names the file.
     fn checkpoint(&mut self, _checkpoint: &DueCheckpoint<'_>) -> io::Result<()> {
         Ok(())
     }
@@ -27,13 +21,11 @@ pub trait Observer {
 
 /// A checkpoint that is due. Its content is put together only for an observer that asks.
 pub struct DueCheckpoint<'a> {
-    /// Which one.
     pub kind: CheckpointKind,
     pub(super) snapshot: &'a dyn Fn() -> Snapshot,
 }
 
 impl DueCheckpoint<'_> {
-    /// The content.
     pub fn snapshot(&self) -> Snapshot {
         (self.snapshot)()
     }
@@ -62,7 +54,7 @@ impl Observer for Vec<Event> {
 
 /// Every observer in turn.
 #[derive(Default)]
-pub struct Fanout<'a>(pub Vec<Box<dyn Observer + 'a>>);
+pub(crate) struct Fanout<'a>(pub Vec<Box<dyn Observer + 'a>>);
 
 impl Observer for Fanout<'_> {
     fn event(&mut self, event: &Event) -> io::Result<()> {

@@ -35,14 +35,14 @@ pub struct Progress {
     pub solved_at_step: Option<u64>,
     /// Environment steps before the first evaluation whose policy lasts, where the run looks for one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lasting_at_step: Option<u64>,
+    pub(crate) lasting_at_step: Option<u64>,
     /// Environment steps after which a resumed run was given other schedules, the latest time: no single config repeats
     /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub branched_at_step: Option<u64>,
+    pub(crate) branched_at_step: Option<u64>,
     /// Events of the run so far, the lines of its `metrics.jsonl`.
     #[serde(default)]
-    pub events: u64,
+    pub(crate) events: u64,
     episode_return: f64,
     pub(super) episode_length: u64,
     /// Sum and number of the losses in this episode.
@@ -61,7 +61,7 @@ impl Progress {
     }
 
     /// Mean return of the last 100 training episodes, or of as many as there are; none before the first has ended.
-    pub fn mean_return_100(&self) -> Option<f64> {
+    pub(crate) fn mean_return_100(&self) -> Option<f64> {
         let count = self.recent_returns.len();
         (count > 0).then(|| self.recent_returns.iter().sum::<f64>() / count as f64)
     }
@@ -134,23 +134,22 @@ impl Progress {
 }
 
 /// The summary of a run. Its counts and evaluations are those of [`Progress`] at the end.
-#[allow(missing_docs)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     pub seed: u64,
     pub env_steps: u64,
     pub episodes: u64,
     pub updates: u64,
-    pub end_reason: EndReason,
+    pub(crate) end_reason: EndReason,
     /// The best evaluation, the latest of equals. `best.safetensors` holds its policy.
     pub best_evaluation: Option<Evaluation>,
     /// The evaluation at the end.
-    pub final_evaluation: Option<Evaluation>,
+    pub(crate) final_evaluation: Option<Evaluation>,
     pub solved_at_step: Option<u64>,
     /// SHA-256 over the online network's parameters, see `tensors::weights_sha256`.
     pub weights_sha256: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub branched_at_step: Option<u64>,
+    pub(crate) branched_at_step: Option<u64>,
     /// Duration of the training in seconds.
-    pub wall_seconds: f64,
+    pub(crate) wall_seconds: f64,
 }

@@ -4,15 +4,14 @@ use serde::{Deserialize, Serialize};
 
 /// Settings of a run. Each is a key of the config, see `config::keys`.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)]
 pub struct TrainerConfig {
     pub seed: u64,
     /// Steps after which a training episode is truncated. Evaluations have the environment's own limit.
     pub max_episode_steps: u32,
     pub budget: Budget,
     pub evaluation: EvaluationConfig,
-    pub checkpoint: CheckpointConfig,
-    pub stop_when_solved: bool,
+    pub(crate) checkpoint: CheckpointConfig,
+    pub(crate) stop_when_solved: bool,
     /// The steps that a policy must last, see [`lasts`](super::lasts), to end the run.
     pub stop_when_lasting_steps: Option<u32>,
 }
@@ -40,7 +39,7 @@ pub struct EvaluationConfig {
 /// The periodic checkpoints.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CheckpointConfig {
+pub(crate) struct CheckpointConfig {
     /// Environment steps between them. There is always one at the end.
     pub every_steps: u64,
 }

@@ -21,20 +21,20 @@ const HELD: Duration = Duration::from_secs(1);
 
 /// What a view and the process's handlers of signals tell each other.
 #[derive(Clone, Debug, Default)]
-pub struct Interrupts {
+pub(crate) struct Interrupts {
     /// Ends the run at its next step. Set by the first signal and by whoever quits the view.
-    pub stop: Arc<AtomicBool>,
+    pub(crate) stop: Arc<AtomicBool>,
     /// Set by every signal, and taken back by the view.
-    pub arrived: Arc<AtomicBool>,
+    pub(crate) arrived: Arc<AtomicBool>,
     /// Whether the handlers end the process. The view sets it when it has given the terminal back.
-    pub at_once: Arc<AtomicBool>,
+    pub(crate) at_once: Arc<AtomicBool>,
 }
 
 /// Shows a run in the terminal and holds it back to a pace.
 ///
 /// Once the run has ended, dropping it waits until somebody has looked and quits; a run that was stopped or failed is
 /// not shown any longer.
-pub struct Live {
+pub(crate) struct Live {
     messages: Sender<Message>,
     pacer: Pacer,
     shared: Arc<Shared>,

@@ -25,9 +25,9 @@ use ratatui::{DefaultTerminal, Frame, TerminalOptions, Viewport};
 use crate::env::EnvironmentError;
 use crate::text::width;
 
-pub use live::{Interrupts, Live};
-pub use pace::Pace;
-pub use watch::watch;
+pub(crate) use live::{Interrupts, Live};
+pub(crate) use pace::Pace;
+pub(crate) use watch::watch;
 
 /// The smallest terminal that a view fits in.
 const SMALLEST: Size = Size { width: 70, height: 20 };
@@ -55,7 +55,7 @@ fn fitting(texts: impl Iterator<Item = String>, columns: usize) -> String {
 
 /// Why there is no view.
 #[derive(Debug, thiserror::Error)]
-pub enum NoView {
+pub(crate) enum NoView {
     /// Input or output goes somewhere else.
     #[error(
         "this view needs a terminal as standard input and output; `train` without --live shows its progress anywhere, \
@@ -80,10 +80,7 @@ pub enum NoView {
 }
 
 /// Makes sure that a view can be opened.
-///
-/// # Errors
-/// There is no terminal, it cannot draw, or it is too small.
-pub fn check_terminal() -> Result<(), NoView> {
+pub(crate) fn check_terminal() -> Result<(), NoView> {
     if [io::stdin().is_terminal(), io::stdout().is_terminal()].contains(&false) {
         return Err(NoView::NoTerminal);
     }

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 /// Speed as a multiple of simulated time (1 is real time), or unlimited.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pace(f64);
+pub(crate) struct Pace(f64);
 
 impl Pace {
     /// As fast as it goes.
-    pub const FULL: Self = Self(f64::INFINITY);
+    pub(crate) const FULL: Self = Self(f64::INFINITY);
     const SLOWEST: f64 = 0.01;
     const FASTEST: f64 = 1000.0;
 

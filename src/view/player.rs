@@ -11,7 +11,6 @@ use crate::agent::{Actor, Greedy};
 use crate::draw::draw_braille;
 use crate::env::{Environment, EnvironmentError, Outcome, Spec, Start};
 
-/// Steps of a push.
 pub(super) const PUSH_STEPS: u32 = 3;
 
 /// An episode that a greedy policy plays, and the returns of those before it.

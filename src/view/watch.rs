@@ -28,7 +28,7 @@ const MAX_VALUES: usize = 6;
 ///
 /// # Errors
 /// There is no terminal, it is too small, or it or the environment fails.
-pub fn watch(
+pub(crate) fn watch(
     policy: Greedy,
     environment: Box<dyn Environment>,
     name: &str,

@@ -12,7 +12,7 @@ use process::Process;
 
 /// Takes the name of a program and a line of its standard error. Returns whether somebody has seen the line: the others are
 /// repeated when the program fails.
-pub type ShowLine = fn(&str, &str) -> bool;
+pub(crate) type ShowLine = fn(&str, &str) -> bool;
 
 /// Starts a program as often as is needed, and keeps the processes that nobody uses for later.
 pub struct Programs {

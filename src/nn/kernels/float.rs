@@ -23,7 +23,6 @@ pub trait Float:
     fn mul_add(self, factor: Self, summand: Self) -> Self;
     /// √self
     fn sqrt(self) -> Self;
-    /// |self|
     fn abs(self) -> Self;
     /// 0 where |self| is below the smallest normal number, else self. NaN stays NaN.
     fn flush(self) -> Self;

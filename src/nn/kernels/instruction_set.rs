@@ -41,7 +41,7 @@ pub struct InstructionSet(InstructionSetKind);
 /// `CARTPOLE_DQN_SIMD` names an instruction set that this CPU does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{} is {asked:?}; this CPU can run {}", InstructionSet::VARIABLE, names(&InstructionSet::available()))]
-pub struct UnknownInstructionSet {
+pub(crate) struct UnknownInstructionSet {
     asked: String,
 }
 
@@ -66,10 +66,7 @@ impl InstructionSet {
 
     /// The instruction set that [`Self::VARIABLE`] names (`scalar`, `avx2` or `avx512`), or the fastest if the variable
     /// is not set.
-    ///
-    /// # Errors
-    /// When the variable names no instruction set that this CPU has.
-    pub fn from_environment() -> Result<Self, UnknownInstructionSet> {
+    pub(crate) fn from_environment() -> Result<Self, UnknownInstructionSet> {
         let available = Self::available();
         let Some(asked) = std::env::var_os(Self::VARIABLE) else { return Ok(available[0]) };
         let asked = asked.to_string_lossy().into_owned();

@@ -38,8 +38,9 @@ mod wasm;
 use nalgebra::DMatrix;
 
 pub use fast::scratch_len;
-pub use float::{Float, mul_add_in_f64};
-pub use instruction_set::{InstructionSet, UnknownInstructionSet};
+pub(crate) use float::Float;
+pub use float::mul_add_in_f64;
+pub use instruction_set::InstructionSet;
 pub use reference::AdamCoefficients;
 
 /// The kernels that a network of this float computes with: the reference for f64, the fast kernels for f32. A scratch

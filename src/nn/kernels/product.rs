@@ -9,25 +9,25 @@ use super::vector::Vector;
 #[derive(Clone, Copy)]
 pub(super) struct Product {
     /// Rows of A and C.
-    pub rows: usize,
+    pub(crate) rows: usize,
     /// Columns of B and C.
-    pub columns: usize,
+    pub(crate) columns: usize,
     /// Columns of A and rows of B.
-    pub inner: usize,
-    pub a: *const f32,
-    pub a_row_stride: usize,
+    pub(crate) inner: usize,
+    pub(crate) a: *const f32,
+    pub(crate) a_row_stride: usize,
     /// How many numbers lie from one column of A to the next: 1, or more if memory holds A's transpose.
-    pub a_column_stride: usize,
-    pub b: *const f32,
+    pub(crate) a_column_stride: usize,
+    pub(crate) b: *const f32,
     /// The stride of B, or of B's transpose if memory holds the transpose.
-    pub b_stride: usize,
-    pub b_is_transposed: bool,
+    pub(crate) b_stride: usize,
+    pub(crate) b_is_transposed: bool,
     /// Whether C has one more row, the sum of B's rows.
-    pub sums_b: bool,
+    pub(crate) sums_b: bool,
     /// C, whose stride is `columns`.
-    pub c: *mut f32,
+    pub(crate) c: *mut f32,
     /// Room for a strip of B: [`strip_len`] of `inner` if B is transposed, else [`PACKED`] numbers.
-    pub scratch: *mut f32,
+    pub(crate) scratch: *mut f32,
 }
 
 /// A strip of B of up to so many numbers is copied to rows that follow each other. They fill half of an L1 cache.
@@ -67,24 +67,24 @@ pub(super) struct Plain;
 /// Starts at the bias of C's row, and stores the sum through ReLU if `relu`. `bias` has as many numbers as C has rows.
 #[derive(Clone, Copy)]
 pub(super) struct RowBias {
-    pub bias: *const f32,
-    pub relu: bool,
+    pub(crate) bias: *const f32,
+    pub(crate) relu: bool,
 }
 
 /// Starts at the bias of C's column, and stores the sum through ReLU if `relu`. `bias` has as many numbers as C has
 /// columns.
 #[derive(Clone, Copy)]
 pub(super) struct ColumnBias {
-    pub bias: *const f32,
-    pub relu: bool,
+    pub(crate) bias: *const f32,
+    pub(crate) relu: bool,
 }
 
 /// Starts at 0, and stores the sum where the same element of `x` is above 0, and 0 elsewhere. `x` has the shape of C,
 /// with `columns` columns.
 #[derive(Clone, Copy)]
 pub(super) struct WherePositive {
-    pub x: *const f32,
-    pub columns: usize,
+    pub(crate) x: *const f32,
+    pub(crate) columns: usize,
 }
 
 impl Epilogue for Plain {}
