@@ -142,7 +142,7 @@ pub struct UpdateError {
     pub(crate) problem: Problem,
 }
 
-const POLICY: &str = "holds a policy, which `eval` plays, and no update; docs/check.md has functions to paste that write an update";
+const POLICY: &str = "holds a policy, which `eval` plays, and no update; docs/check.md has the function of Python that writes one";
 const TABLE: &str = "holds a table of Q-values; `check` is about the update of a network, and docs/q_learning.md has that of a table";
 const NO_RESULT: &str = "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or \
                          `result.online.0.weight`, …";

@@ -22,9 +22,9 @@ const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Say which known mistake another program's DQN update has.
 ///
-/// FILE holds the numbers of one update; docs/check.md has functions to paste for PyTorch, Keras, JAX and NumPy that
-/// write it. The update is computed again in f64, and what differs is explained. Exit code 0 if everything in the file
-/// is equal, 1 if something differs.
+/// FILE holds the numbers of one update; docs/check.md has the function of Python that writes it for PyTorch, Keras,
+/// JAX and NumPy. The update is computed again in f64, and what differs is explained. Exit code 0 if everything in the
+/// file is equal, 1 if something differs.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn check update.safetensors")]
 pub(super) struct CheckArguments {

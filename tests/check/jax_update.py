@@ -1,5 +1,5 @@
-"""tests/check/jax_update.py --binary FILE: a DQN update in JAX and optax, written with the function of docs/check.md, right
-and with planted mistakes. Needs jax, optax, safetensors."""
+"""tests/check/jax_update.py --binary FILE: a DQN update in JAX and optax, written with `save_update` of the Python module, right
+and with planted mistakes. Needs jax and optax."""
 
 import argparse
 import pathlib
@@ -11,9 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from planted import explained, random_batch, snippet, verdict
+from planted import explained, random_batch, save_update, verdict
 
-save_update = snippet("jax")
 GAMMA = 0.9
 
 

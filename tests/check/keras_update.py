@@ -1,5 +1,5 @@
-"""tests/check/keras_update.py --binary FILE: a DQN update in Keras, written with the function of docs/check.md, right and
-with planted mistakes. Needs tensorflow, keras, safetensors."""
+"""tests/check/keras_update.py --binary FILE: a DQN update in Keras, written with `save_update` of the Python module, right and
+with planted mistakes. Needs tensorflow and keras."""
 
 import argparse
 import pathlib
@@ -10,9 +10,8 @@ import keras
 import numpy as np
 import tensorflow as tf
 
-from planted import explained, random_batch, snippet, verdict
+from planted import explained, random_batch, save_update, verdict
 
-save_update = snippet("keras")
 GAMMA = 0.9
 
 

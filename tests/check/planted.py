@@ -1,22 +1,14 @@
-"""What the scripts that check `cartpole-dqn check` have in common: snippets of docs/check.md, batches, verdicts."""
+"""What the scripts that check `cartpole-dqn check` have in common: `save_update` of the Python module, batches, verdicts."""
 
 import json
 import pathlib
-import re
 import subprocess
+import sys
 
 import numpy as np
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-
-
-def snippet(framework):
-    """`save_update` of docs/check.md, as it is pasted from there."""
-    text = (ROOT / "docs/check.md").read_text()
-    code = re.search(rf"<!-- snippet: {framework} -->\n```python\n(.*?)```", text, re.DOTALL)[1]
-    namespace = {}
-    exec(code, namespace)
-    return namespace["save_update"]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "python"))
+from cartpole_dqn import save_update  # noqa: E402, F401
 
 
 def random_batch(rng, size, inputs, actions, dtype=np.float32):

@@ -1,7 +1,7 @@
 """tests/check/torch_matrix.py --binary FILE [--write docs/results/check.md]: plants every mistake of the catalogue and 20
 pairs of them in a DQN update in PyTorch, computes 200 right updates of all sizes, and holds `cartpole-dqn check` to them.
 
-Needs torch, numpy, safetensors."""
+Needs torch and numpy."""
 
 import argparse
 import itertools
@@ -13,9 +13,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from planted import explained, random_batch, snippet, verdict
+from planted import explained, random_batch, save_update, verdict
 
-save_update = snippet("torch")
 
 
 def network(sizes, dtype):

@@ -1,7 +1,7 @@
-"""tests/interop/check_numpy.py --binary FILE: a DQN update in NumPy, written with the function of docs/check.md. Right, it
+"""tests/interop/check_numpy.py --binary FILE: a DQN update in NumPy, written with `save_update` of the Python module. Right, it
 must be equal; with each of some planted mistakes, `cartpole-dqn check` must name that one.
 
-Needs numpy and safetensors."""
+Needs numpy."""
 
 import argparse
 import pathlib
@@ -11,9 +11,8 @@ import tempfile
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "check"))
-from planted import explained, random_batch, snippet, verdict  # noqa: E402
+from planted import explained, random_batch, save_update, verdict  # noqa: E402
 
-save_update = snippet("numpy")
 GAMMA, ALPHA = 0.9, 3e-3
 
 

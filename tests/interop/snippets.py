@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Runs the Python snippets of docs/interop.md, and the programs with Optuna to which it links, as they stand, and checks
-what they bring.
+"""Runs the Python snippets of docs/interop.md and docs/python.md, and the programs with Optuna to which they link, as they
+stand, and checks what they bring.
 
     python snippets.py --binary target/release/cartpole-dqn          # those that need NumPy and Gymnasium alone
     python snippets.py --binary target/release/cartpole-dqn --all    # PyTorch and Stable-Baselines3 too
@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "interop.md"
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTS = [ROOT / "docs" / "interop.md", ROOT / "docs" / "python.md"]
 OBSERVATION = np.array([0.0, 0.0, 0.01, 0.0], dtype=np.float32)
 
 
@@ -28,11 +29,11 @@ def require(condition, message):
 
 
 def snippets():
-    """Name -> code, in the order of the document."""
-    text = DOCUMENT.read_text()
+    """Name -> code, in the order of the documents."""
+    text = "".join(document.read_text() for document in DOCUMENTS)
     found = dict(re.findall(r"<!-- snippet: (\w+) -->\n```python\n(.*?)```\n", text, re.DOTALL))
     require(len(found) == text.count("```python"), "a snippet has no name")
-    found |= {path.stem: path.read_text() for path in sorted((DOCUMENT.parents[1] / "examples").glob("*.py"))}
+    found |= {path.stem: path.read_text() for path in sorted((ROOT / "examples").glob("*.py"))}
     require(found.keys() == CHECKS.keys(), "a snippet has no check")
     return found
 
@@ -43,7 +44,7 @@ class RunDirectory:
     def __init__(self, binary, path):
         self.binary, self.path = Path(binary).resolve(), Path(path)
         self.program("train", "--quiet", "--out", "runs/mine")
-        self.program("train", "--quiet", "--config", DOCUMENT.parents[1] / "configs/q_table.json", "--out", "runs/table")
+        self.program("train", "--quiet", "--config", ROOT / "configs/q_table.json", "--out", "runs/table")
 
     def program(self, *arguments):
         return subprocess.run([self.binary, *arguments], cwd=self.path, check=True, capture_output=True, text=True).stdout
@@ -78,6 +79,19 @@ def prints_the_q_values(directory, printed):
     return f"Q-values {values}"
 
 
+def prints_the_evaluations(directory, printed):
+    lines = [json.loads(line) for line in (directory.path / "runs/mine/metrics.jsonl").read_text().splitlines()]
+    expected = [[str(line["env_steps"]), str(line["mean"])] for line in lines if line["event"] == "evaluation"]
+    require([line.split() for line in printed.splitlines()] == expected, f"{printed}, not {expected}")
+    return f"{len(expected)} evaluations"
+
+
+def prints_the_updates(directory, printed):
+    updates = json.loads((directory.path / "runs/mine/summary.json").read_text())["updates"]
+    require(re.fullmatch(rf"\(\d+,\) {updates}\n", printed), f"{printed}, not {updates} updates")
+    return printed.strip()
+
+
 def leaves_a_policy(least_mean):
     def check(directory, _):
         mean = directory.mean("policy.safetensors", "100")
@@ -106,6 +120,10 @@ CHECKS = {
     # Enough to tell a policy that has learned from one of swapped or shuffled weights, which falls before step 30.
     "from_sb3": (True, leaves_a_policy(100)),
     "from_numpy": (False, leaves_a_policy(100)),
+    "policy": (False, prints_the_mean("10")),
+    "metrics": (False, prints_the_evaluations),
+    "tensors": (False, prints_the_updates),
+    "program": (False, prints_the_mean("100")),
     "optuna_search": (False, finds_settings(20, 475)),
     "optuna_seeds": (False, finds_settings(6, 100)),
 }
@@ -127,7 +145,7 @@ def main():
             begin = time.monotonic()
             path_with_program = f"{directory.binary.parent}{os.pathsep}{os.environ['PATH']}"
             result = subprocess.run([sys.executable, "-c", code], cwd=path, capture_output=True, text=True,
-                                    env=os.environ | {"PATH": path_with_program})
+                                    env=os.environ | {"PATH": path_with_program, "PYTHONPATH": str(ROOT / "python")})
             require(result.returncode == 0, f"{name}: {result.stderr}")
             print(f"{name}: {check(directory, result.stdout)} ({time.monotonic() - begin:.1f} s)")
 

@@ -1,0 +1,263 @@
+"""Writing one update of somebody's own DQN for `cartpole-dqn check`.
+
+The libraries are known by what their objects have, and none of them is imported.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Optional, Union
+
+import numpy as np
+
+from . import _tensors
+from ._run import PathLike, shown
+
+NEEDED = ("observations", "actions", "rewards", "next_observations", "terminated")
+OPTIONAL = ("truncated", "discounts")
+RESULTS = ("targets", "loss", "gradients", "online")
+SETTINGS = (
+    "gamma", "loss", "double", "learning_rate", "beta1", "beta2", "epsilon", "epsilon_place", "max_gradient_norm",
+)  # fmt: skip
+
+
+def save_update(
+    path: PathLike,
+    online: Any,
+    target: Any,
+    optimizer: Any,
+    batch: Mapping[str, Any],
+    update: Union[Mapping[str, Any], Callable[[], Any]],
+    **settings: Any,
+) -> None:
+    """Runs one update of your DQN and writes it to a file, of which `cartpole-dqn check FILE` says what mistake it has.
+
+    Call it once, in place of the update. Take an update after some learning, with terminated (and truncated) rows in its batch.
+
+    Args:
+        path: the file to write. Its name should end in .safetensors.
+        online: the network that learns, of dense layers with ReLU between them, before the update:
+
+            - PyTorch: the module; or its state dict, or its list of parameters (weights [out, in]);
+            - Keras: the model (kernels [in, out]);
+            - JAX: the tree of its parameters, of any kind, with kernels [in, out];
+            - NumPy: the list W0, b0, W1, b1, … with W [in, out], as in `x @ W + b`.
+        target: the target network in the same form, or None if the online network values s′.
+        optimizer: before the update: the optimizer of PyTorch or Keras, the state of optax, or `(steps, m, v)` with Adam's
+            moments in the form of the network. None before the first step.
+        batch: the B transitions: `observations` and `next_observations` [B, n], as the network gets them; `actions` [B], from
+            0; `rewards` [B]; `terminated` [B]; `truncated` [B], only if your memory stores it; `discounts` [B], γᵏ of samples of k
+            steps.
+        update: a function without arguments that does the update and returns `(targets, loss)`, `(targets, loss, gradients)`,
+            or `(targets, loss, gradients, online)`, each None where you do not have it; or a mapping with any of these names,
+            or a function that returns one. `targets` [B]; `loss` one number; `gradients` as the optimizer gets them (clipped);
+            `online` the network after the step. Gradients and network of a module of PyTorch, and the network of a model of
+            Keras, are taken from there if they are not returned: the update must then not call `zero_grad` at its end.
+        settings: how the update should be computed: gamma (0.99), loss ("mse" or "huber"), double (False), learning_rate
+            (0.001), beta1 (0.9), beta2 (0.999), epsilon (1e-8; for Keras 1e-7), epsilon_place ("pytorch"; for Keras
+            "tensorflow"), max_gradient_norm (none).
+
+    Raises ValueError, and writes nothing, if something is missing or not of the form that is said here; before the update,
+    except for what the update returns.
+    """
+    unknown = [name for name in settings if name not in SETTINGS]
+    if unknown:
+        raise ValueError(f"there is no setting {shown(unknown[0])}; the settings are {', '.join(SETTINGS)}")
+    if _is_keras(online):
+        settings = {"epsilon": 1e-7, "epsilon_place": "tensorflow", **settings}
+    text = json.dumps(settings, default=_number)
+    file = _network("online", online)
+    shapes = {name.partition(".")[2]: array.shape for name, array in file.items()}
+    if target is not None:
+        file.update(_network("target", target, shapes))
+    moments = _adam(optimizer, online)
+    if moments is not None:
+        steps, first, second = moments
+        file["adam.steps"] = np.array([steps], dtype=np.int64)
+        file.update(_network("adam.m", first, shapes))
+        file.update(_network("adam.v", second, shapes))
+    file.update(_batch(batch, shapes["0.weight"][1]))
+    file.update(_results(update() if callable(update) else update, online, shapes))
+    _tensors.write(path, file, {"settings": text})
+
+
+def _batch(batch: Mapping[str, Any], observation_size: int) -> dict[str, np.ndarray]:
+    missing = [name for name in NEEDED if batch.get(name) is None]
+    if missing:
+        raise ValueError(f"the batch has no {missing[0]!r}; it must have {', '.join(NEEDED)}")
+    unknown = [name for name in batch if name not in NEEDED + OPTIONAL]
+    if unknown:
+        raise ValueError(f"the batch has {shown(unknown[0])}; allowed are {', '.join(NEEDED + OPTIONAL)}")
+    arrays = {name: _array(value) for name, value in batch.items() if value is not None}
+    size = len(arrays["observations"]) if arrays["observations"].ndim else 0
+    for name, array in arrays.items():
+        shape = (size, observation_size) if name.endswith("observations") else (size,)
+        # Columns [B, 1] are as good as lists [B].
+        if array.shape[: len(shape)] != shape or array[:1].size != np.prod(shape[1:], dtype=int) or size == 0:
+            raise ValueError(
+                f"{name!r} of the batch has the shape {array.shape}, expected {shape}: B transitions, and observations as long as "
+                f"the first weight has inputs, {observation_size}"
+            )
+    return {f"batch.{name}": array for name, array in arrays.items()}
+
+
+def _results(given: Any, online: Any, shapes: dict[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
+    if isinstance(given, Mapping):
+        unknown = [name for name in given if name not in RESULTS]
+        if unknown:
+            raise ValueError(f"the results have {shown(unknown[0])}; allowed are {', '.join(RESULTS)}")
+        results = dict(given)
+    elif isinstance(given, (tuple, list)) and 2 <= len(given) <= 4:
+        results = dict(zip(RESULTS, given))
+    else:
+        raise ValueError(
+            f"the update must return (targets, loss), (targets, loss, gradients) or (targets, loss, gradients, online), or a "
+            f"mapping with these names; found {type(given).__name__}"
+        )
+    if _is_torch(online) and results.get("gradients") is None:
+        gradients = [parameter.grad for parameter in online.parameters()]
+        results["gradients"] = None if any(gradient is None for gradient in gradients) else gradients
+    if (_is_torch(online) or _is_keras(online)) and results.get("online") is None:
+        results["online"] = online
+    file: dict[str, np.ndarray] = {}
+    for name, value in results.items():
+        if value is None:
+            continue
+        if name in ("gradients", "online"):
+            file.update(_network(f"result.{name}", value, shapes))
+        else:
+            file[f"result.{name}"] = _array(value)
+    if not file:
+        raise ValueError(f"the update returned nothing of {', '.join(RESULTS)}")
+    return file
+
+
+def _adam(optimizer: Any, online: Any) -> Optional[tuple[int, Any, Any]]:
+    """The steps of Adam so far, and its moments; None before the first step, and for optimizers without moments."""
+    if optimizer is None:
+        return None
+    if hasattr(optimizer, "param_groups"):  # PyTorch
+        if _is_torch(online):
+            parameters = list(online.parameters())
+        else:
+            parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
+        states = [optimizer.state[p] for p in parameters if "exp_avg" in optimizer.state.get(p, {})]
+        if not states:
+            return None
+        return int(states[0]["step"]), [s["exp_avg"] for s in states], [s["exp_avg_sq"] for s in states]
+    if hasattr(optimizer, "iterations"):  # Keras
+        steps, moments = int(_array(optimizer.iterations)), getattr(optimizer, "_momentums", None)
+        return (steps, moments, optimizer._velocities) if steps > 0 and moments else None
+    if isinstance(optimizer, (tuple, list)) and len(optimizer) == 3 and _is_scalar(optimizer[0]):
+        steps, first, second = optimizer
+        return (int(_array(steps)), first, second) if int(_array(steps)) > 0 else None
+    if hasattr(optimizer, "init") or not isinstance(optimizer, (tuple, list, Mapping)):
+        raise ValueError(
+            f"the optimizer is {type(optimizer).__name__}; it must be an optimizer of PyTorch or Keras, the state that `init` and "
+            "`update` of optax return, (steps, m, v), or None before the first step"
+        )
+    found = next((state for state in _walk(optimizer) if hasattr(state, "mu") and hasattr(state, "nu")), None)
+    return None if found is None or int(_array(found.count)) == 0 else (int(_array(found.count)), found.mu, found.nu)
+
+
+def _walk(state: Any) -> Iterator[Any]:
+    """A state of optax and all states within it."""
+    yield state
+    if isinstance(state, Mapping):
+        state = list(state.values())
+    if isinstance(state, (tuple, list)):
+        for inner in state:
+            yield from _walk(inner)
+
+
+def _network(prefix: str, network: Any, shapes: Optional[dict[str, tuple[int, ...]]] = None) -> dict[str, np.ndarray]:
+    """`{prefix}.0.weight` [out, in], `{prefix}.0.bias` [out], `{prefix}.2.weight`, …: the nth matrix and the nth vector of the
+    network belong to its nth layer. `shapes` are those of the online network."""
+    leaves = [(name, _array(leaf), _is_out_in(name, leaf)) for name, leaf in _leaves(network)]
+    weights = [array if is_out_in else array.T for _, array, is_out_in in leaves if array.ndim == 2]
+    biases = [array for _, array, _ in leaves if array.ndim == 1]
+    found = ", ".join(f"{name or 'array'} {array.shape}" for name, array, _ in leaves[:12]) or f"no array in {type(network).__name__}"
+    if not weights or len(weights) != len(biases) or len(leaves) != 2 * len(weights):
+        raise ValueError(f"{prefix} must be dense layers, each with a weight and a bias; found {shown(found)}")
+    inputs = weights[0].shape[1]
+    for weight, bias in zip(weights, biases):
+        if weight.shape != (len(bias), inputs):
+            raise ValueError(
+                f"{prefix}: the layers do not fit to each other: a weight has {weight.shape[1]} inputs and {weight.shape[0]} outputs where "
+                f"{inputs} and {len(bias)} are needed (arrays are [in, out], tensors of PyTorch [out, in]); found {shown(found)}"
+            )
+        inputs = len(bias)
+    file = {}
+    for layer, (weight, bias) in enumerate(zip(weights, biases)):
+        file.update({f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias})
+    own = {name: array.shape for name, array in file.items()}
+    if shapes is not None and own != shapes:
+        raise ValueError(f"{prefix} has the layers {shown(own)}, the online network has {shown(shapes)}")
+    return {f"{prefix}.{name}": array for name, array in file.items()}
+
+
+def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """The arrays of a network, with their names where they have one, in the order of the layers."""
+    if _is_torch(tree):
+        yield from tree.named_parameters()
+    elif _is_keras(tree):
+        yield from ((str(variable.name), variable) for variable in tree.weights)
+    elif isinstance(tree, Mapping):
+        # PyTorch's names have the order of the layers. JAX sorts, where Dense_10 must come behind Dense_2.
+        is_ordered = any(_is_out_in(key, value) for key, value in tree.items())
+        for key in tree if is_ordered else sorted(tree, key=_natural):
+            yield from _leaves(tree[key], f"{name}.{key}" if name else str(key))
+    elif isinstance(tree, (tuple, list)):
+        for inner in tree:
+            yield from _leaves(inner, name)
+    elif tree is not None:
+        yield name, tree
+
+
+def _natural(key: Any) -> list[tuple[str, int]]:
+    """A sort key of names with numbers in them."""
+    return [(text, int(digits or 0)) for text, digits in re.findall(r"([^0-9]*)([0-9]{0,9})", str(key))]
+
+
+def _is_torch(network: Any) -> bool:
+    return hasattr(network, "named_parameters") and hasattr(network, "state_dict")
+
+
+def _is_keras(network: Any) -> bool:
+    return hasattr(network, "trainable_variables") and hasattr(network, "weights")
+
+
+def _is_out_in(name: Any, leaf: Any) -> bool:
+    """Whether a weight is [out, in]: a tensor of PyTorch, or an array under a name that PyTorch gives it."""
+    return type(leaf).__module__.partition(".")[0] == "torch" or str(name).endswith(".weight")
+
+
+def _is_scalar(value: Any) -> bool:
+    return np.isscalar(value) or getattr(value, "shape", None) == ()
+
+
+def _array(value: Any) -> np.ndarray:
+    """A copy as a NumPy array of a type that `check` reads."""
+    if hasattr(value, "detach"):  # PyTorch, where only a tensor of numbers that NumPy has can become an array
+        value = value.detach().cpu()
+        value = value.float() if str(value.dtype) in ("torch.bfloat16", "torch.float16") else value
+    if hasattr(value, "numpy"):  # PyTorch, TensorFlow, Keras
+        value = value.numpy()
+    try:
+        array = np.array(value)
+    except ValueError as error:
+        raise ValueError(f"{shown(value)} is no array of numbers ({error})") from None
+    if array.dtype in _tensors.NAMES and array.dtype != np.float16:
+        return array
+    if array.dtype.kind in "OSUMmVc" and array.dtype.name != "bfloat16":
+        raise ValueError(f"{shown(value)} is no array of numbers")
+    return array.astype(np.float32)
+
+
+def _number(value: Any) -> Any:
+    """What JSON gets of a setting that is a number of NumPy or of another library."""
+    if hasattr(value, "item"):
+        return value.item()
+    raise ValueError(f"a setting is {shown(value)}, expected a number or a text")
