@@ -22,7 +22,7 @@ def program() -> str:
     file = NAME + (".exe" if sys.platform == "win32" else "")
     for path in _installed(file):
         if path.is_file():
-            return str(path)
+            return str(path.resolve())
     found = shutil.which(NAME)
     if found is None:
         raise FileNotFoundError(
