@@ -110,7 +110,9 @@ def _parse(header: bytes) -> dict[str, Any]:
 
 def _metadata(header: dict[str, Any]) -> dict[str, str]:
     """Takes the metadata out of the header."""
-    metadata = header.pop("__metadata__", None) or {}
+    metadata = header.pop("__metadata__", None)
+    if metadata is None:
+        return {}
     if not isinstance(metadata, dict) or not all(isinstance(value, str) for value in metadata.values()):
         raise ValueError("its metadata is not an object of texts")
     return metadata
@@ -127,6 +129,9 @@ def _check_layout(header: dict[str, Any], data_size: int) -> None:
             raise ValueError(f"tensor {shown(name)} has the type {shown(dtype)}; known are {', '.join(DTYPES)}")
         if not isinstance(shape, list) or len(shape) > 32 or not all(map(is_count, shape)):
             raise ValueError(f"tensor {shown(name)} has the shape {shown(shape)}")
+        # Without numbers a tensor could have lengths that NumPy cannot express.
+        if math.prod(max(size, 1) for size in shape) > MAX_FILE_SIZE:
+            raise ValueError(f"tensor {shown(name)} is too large: its shape is {shown(shape)}")
         if not isinstance(offsets, list) or len(offsets) != 2 or not all(map(is_count, offsets)):
             raise ValueError(f"tensor {shown(name)} has the data_offsets {shown(offsets)}")
         if offsets[1] - offsets[0] != math.prod(shape) * np.dtype(DTYPES[dtype]).itemsize:

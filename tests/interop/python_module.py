@@ -179,12 +179,13 @@ def malformed_files_are_refused(runs):
     four = b"\0" * 4
     cases += [header(entry(**wrong), four) for wrong in (
         {"dtype": "F8_E4M3"}, {"dtype": 7}, {"dtype": None}, {"shape": [2]}, {"shape": [-1]}, {"shape": [True]}, {"shape": 1}, {"shape": [1.0]},
-        {"shape": [10**40, 10**40]}, {"shape": [1] * 40}, {"data_offsets": [4, 8]}, {"data_offsets": [4, 0]}, {"data_offsets": [0]},
+        {"shape": [10**40, 10**40]}, {"shape": [0, 10**40], "data_offsets": [0, 0]}, {"shape": [0, 2**40, 2**40], "data_offsets": [0, 0]},
+        {"shape": [1] * 40}, {"data_offsets": [4, 8]}, {"data_offsets": [4, 0]}, {"data_offsets": [0]},
         {"data_offsets": [-4, 0]}, {"data_offsets": ["0", "4"]}, {"data_offsets": [0, 10**4000]},
     )]
     cases += [header({"t": value}, four) for value in (1, None, [], "x" * 10**6)] + [header({"x" * 10**6: 1})]
     cases += [struct.pack("<Q", len(text)) + text for text in (b"[]", b"1", b"{", b"\xff\xfe", b"[" * 10**5, b'{"a":' * 10**5, b'{"t":1,"t":1}', b"NaN")]
-    cases += [header(entry(), four, metadata) for metadata in (7, ["x"], {"a": 1}, {"cartpole-dqn": "{"}, {"cartpole-dqn": "[]"},
+    cases += [header(entry(), four, metadata) for metadata in (0, 7, "", ["x"], {"a": 1}, {"cartpole-dqn": "{"}, {"cartpole-dqn": "[]"},
                                                                {"cartpole-dqn": '{"sha256":7}'}, {"cartpole-dqn": '{"sha256":"00"}'})]
     cases += [struct.pack("<Q", 2**64 - 1), b"PK\x03\x04" + bytes(20), b"\x80\x04" + bytes(20), b"\x89HDF" + bytes(20), b"\x93NUMPY" + bytes(20)]
     two = {name: {"dtype": "F32", "shape": [1], "data_offsets": [0, 4]} for name in "ab"}
