@@ -53,8 +53,8 @@ def save_update(
         update: a function without arguments that does the update and returns `(targets, loss)`, `(targets, loss, gradients)`,
             or `(targets, loss, gradients, online)`, each None where you do not have it; or a mapping with any of these names,
             or a function that returns one. `targets` [B]; `loss` one number; `gradients` as the optimizer gets them (clipped);
-            `online` the network after the step. Gradients and network of a module of PyTorch, and the network of a model of
-            Keras, are taken from there if they are not returned: the update must then not call `zero_grad` at its end.
+            `online` the network after the step. What a function does not return of gradients and network of a module of PyTorch,
+            or of the network of a model of Keras, is read from there: it must then not call `zero_grad` at its end.
         settings: how the update should be computed: gamma (0.99), loss ("mse" or "huber"), double (False), learning_rate
             (0.001), beta1 (0.9), beta2 (0.999), epsilon (1e-8; for Keras 1e-7), epsilon_place ("pytorch"; for Keras
             "tensorflow"), max_gradient_norm (none).
@@ -79,7 +79,10 @@ def save_update(
         file.update(_network("adam.m", first, shapes))
         file.update(_network("adam.v", second, shapes))
     file.update(_batch(batch, shapes["0.weight"][1]))
-    file.update(_results(update() if callable(update) else update, online, shapes))
+    if callable(update):
+        file.update(_results(_with_own(update(), online), shapes))
+    else:
+        file.update(_results(update, shapes))
     _tensors.write(path, file, {"settings": text})
 
 
@@ -103,24 +106,33 @@ def _batch(batch: Mapping[str, Any], observation_size: int) -> dict[str, np.ndar
     return {f"batch.{name}": array for name, array in arrays.items()}
 
 
-def _results(given: Any, online: Any, shapes: dict[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
-    if isinstance(given, Mapping):
-        unknown = [name for name in given if name not in RESULTS]
-        if unknown:
-            raise ValueError(f"the results have {shown(unknown[0])}; allowed are {', '.join(RESULTS)}")
-        results = dict(given)
-    elif isinstance(given, (tuple, list)) and 2 <= len(given) <= 4:
-        results = dict(zip(RESULTS, given))
-    else:
-        raise ValueError(
-            f"the update must return (targets, loss), (targets, loss, gradients) or (targets, loss, gradients, online), or a "
-            f"mapping with these names; found {type(given).__name__}"
-        )
+def _with_own(given: Any, online: Any) -> dict[str, Any]:
+    """The results of an update, and what its network shows of them after it."""
+    results = _named(given)
     if _is_torch(online) and results.get("gradients") is None:
         gradients = [parameter.grad for parameter in online.parameters()]
         results["gradients"] = None if any(gradient is None for gradient in gradients) else gradients
     if (_is_torch(online) or _is_keras(online)) and results.get("online") is None:
         results["online"] = online
+    return results
+
+
+def _named(given: Any) -> dict[str, Any]:
+    if isinstance(given, Mapping):
+        unknown = [name for name in given if name not in RESULTS]
+        if unknown:
+            raise ValueError(f"the results have {shown(unknown[0])}; allowed are {', '.join(RESULTS)}")
+        return dict(given)
+    if isinstance(given, (tuple, list)) and 2 <= len(given) <= 4:
+        return dict(zip(RESULTS, given))
+    raise ValueError(
+        f"the update must return (targets, loss), (targets, loss, gradients) or (targets, loss, gradients, online), or a "
+        f"mapping with these names; found {type(given).__name__}"
+    )
+
+
+def _results(given: Any, shapes: dict[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
+    results = _named(given)
     file: dict[str, np.ndarray] = {}
     for name, value in results.items():
         if value is None:
@@ -186,7 +198,8 @@ def _network(prefix: str, network: Any, shapes: Optional[dict[str, tuple[int, ..
         if weight.shape != (len(bias), inputs):
             raise ValueError(
                 f"{prefix}: the layers do not fit to each other: a weight has {weight.shape[1]} inputs and {weight.shape[0]} outputs where "
-                f"{inputs} and {len(bias)} are needed (arrays are [in, out], tensors of PyTorch [out, in]); found {shown(found)}"
+                f"{inputs} and {len(bias)} are needed. Give them in the order of the layers, arrays as [in, out], tensors of PyTorch as "
+                f"[out, in]; found {shown(found)}"
             )
         inputs = len(bias)
     file = {}

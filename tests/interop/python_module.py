@@ -308,6 +308,13 @@ def updates_of_all_forms_are_the_same(binary):
         files.append(Path("form.safetensors").read_bytes())
     require(all(file == files[0] for file in files), "the forms differ")
     require((tensors("form.safetensors")["online.20.weight"] == online[20].T).all(), "a weight is not [out, in]")
+    # What is read from a model: its weights after a function has done the update; nothing where the results are given.
+    class Model:
+        weights = trainable_variables = [type("Variable", (), {"name": "v", "numpy": lambda self, value=value: value})() for value in online]
+
+    for update, has_weights in ((lambda: (np.ones(5), None), True), ({"targets": np.ones(5)}, False)):
+        save_update("model.safetensors", Model(), None, None, batch, update)
+        require(("result.online.0.bias" in tensors("model.safetensors")) == has_weights, "the weights after the update")
     # m is not Adam's, v is negative: `check` reads the file so far that it says so.
     code = subprocess.run([binary, "check", "form.safetensors"], capture_output=True, text=True)
     require(code.returncode == 2 and "adam.v" in code.stderr, code.stderr)
