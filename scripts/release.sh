@@ -108,7 +108,7 @@ sys.exit(name != sys.argv[1] or hashlib.sha256(open(name, "rb").read()).hexdiges
 
 check_wheel() {
     local wheel bin
-    wheel=$("$python" -c 'import os, sys; print(os.path.abspath(sys.argv[1]))' "$1")
+    wheel=$("$python" -c 'import os, sys; sys.stdout.write(os.path.abspath(sys.argv[1]))' "$1")
     "$python" -m venv "$tmp/venv"
     bin=$(programs_of "$tmp/venv")
     "$bin/python" -m pip install --quiet --disable-pip-version-check "$wheel"
