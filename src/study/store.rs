@@ -185,9 +185,15 @@ impl StudyDir {
     /// # Errors
     /// When a line is not a trial of this study, when `each` fails, or when two lines of one trial differ.
     pub fn read(&self, mut each: impl FnMut(Finished) -> Result<(), String>) -> Result<Omitted, StudyError> {
-        let Reader { mut notes, found, others, .. } = self.read_all(&mut each)?;
+        let Reader { mut notes, found, others, circumstances, .. } = self.read_all(&mut each)?;
         if others > 0 {
             notes.push(format!("{others} trials with other seeds than those of {MANIFEST} are ignored"));
+        }
+        if circumstances > 0 {
+            notes.push(format!(
+                "{circumstances} lines of an earlier version say that an environment failed, which is no result: they are \
+                 ignored, and the study trains such trials again"
+            ));
         }
         let reason = |trial| {
             read_text_limited(&self.unfinished_file(trial, REASON), MAX_REASON)
@@ -249,13 +255,15 @@ struct Reader<'a> {
     notes: Vec<String>,
     /// Trials with other seeds than the study's.
     others: u64,
+    /// Lines that are no results.
+    circumstances: u64,
 }
 
 impl<'a> Reader<'a> {
     fn new(files: Vec<PathBuf>, study: &'a Study) -> Self {
         let names = study.configs.iter().enumerate();
         let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
-        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0 }
+        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0, circumstances: 0 }
     }
 
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
@@ -296,6 +304,10 @@ impl<'a> Reader<'a> {
         let Trial { config, seed, .. } = &trial;
         let index = self.configs.get(config.as_str());
         let index = *index.ok_or_else(|| not_a_trial(format!("it belongs to a config {config:?}")))?;
+        if trial.is_circumstance() {
+            self.circumstances += 1;
+            return Ok(());
+        }
         if let Some(problem) = trial.problem() {
             return Err(not_a_trial(problem.into()));
         }

@@ -121,6 +121,12 @@ impl From<EnvironmentError> for Cause {
 }
 
 impl<S> Trial<S> {
+    /// Whether the line records what happened around the training, as earlier versions wrote it, and no result: only a
+    /// training that diverged is an error that follows from config and seed.
+    pub(super) fn is_circumstance(&self) -> bool {
+        self.error.as_ref().is_some_and(|error| !error.starts_with("training diverged: "))
+    }
+
     /// Why this is not the line of a trial; none if it is one.
     pub(super) fn problem(&self) -> Option<&'static str> {
         if !self.evaluations.is_sorted_by(|a, b| a.env_steps < b.env_steps) {
@@ -276,3 +282,7 @@ impl Keeper<'_> {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "../../tests/unit/study_trial.rs"]
+mod tests;

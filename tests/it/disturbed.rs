@@ -233,6 +233,37 @@ fn a_program_that_cannot_be_started_leaves_its_trials_to_the_next_command() {
 }
 
 #[test]
+fn lines_of_an_earlier_version_that_record_a_circumstance_are_ignored_and_their_trials_trained() {
+    let sandbox = sandbox(&[example()]);
+    sandbox.run(&study("s", &["--quiet"])).success();
+    let lines = trial_lines(&sandbox, "s");
+    let circumstance = |seed: u64| {
+        format!(
+            "{{\"config\":\"train\",\"seed\":{seed},\"error\":\"the environment ./dock: it ended (signal: 15 (SIGTERM)) and did \
+             not answer `step 1`\",\"summary\":null,\"best\":null,\"final\":null,\"evaluations\":[]}}\n"
+        )
+    };
+    let before = report(&sandbox, "s");
+    sandbox.write("s/trials/a-before.jsonl", circumstance(0) + &circumstance(2));
+    sandbox.write("s/trials/z-after.jsonl", circumstance(1));
+    assert_eq!(report(&sandbox, "s"), before);
+    sandbox
+        .run(&["study", "s", "--status"])
+        .success()
+        .stdout(predicate::str::contains("all        3        0       0"))
+        .stderr(predicate::str::contains("3 lines of an earlier version"));
+    fs::remove_file(sandbox.path("s/trials/z-after.jsonl")).unwrap();
+    fs::remove_file(sandbox.path("s/trials/a-before.jsonl")).unwrap();
+    let file = trial_file(&sandbox, "s");
+    sandbox.write(&file, format!("{}\n{}", lines[0], circumstance(1)));
+    sandbox.run(&study("s", &["--quiet"])).success();
+    let mut found = trial_lines(&sandbox, "s");
+    found.retain(|line| !line.contains("SIGTERM"));
+    assert_eq!(found, lines);
+    assert_eq!(report(&sandbox, "s"), before);
+}
+
+#[test]
 fn what_is_left_in_a_complete_study_goes_with_the_next_command() {
     let sandbox = sandbox(&[example()]);
     sandbox.run(&study("s", &["--quiet"])).success();
