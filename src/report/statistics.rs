@@ -36,7 +36,8 @@ impl Estimate {
         self.low.zip(self.high)
     }
 
-    /// A statistic of a sample with its percentile bootstrap interval; above [`EXACT_SEEDS`] seeds with one of groups.
+    /// A statistic of a sample with its percentile bootstrap interval; above
+    /// [`EXACT_SEEDS`](super::sample::EXACT_SEEDS) seeds with one of groups.
     pub fn of(sample: &Sample, statistic: impl Fn(&Sample) -> f64) -> Self {
         Self::exact(&sample.grouped(), &statistic).moved_to(statistic(sample))
     }
