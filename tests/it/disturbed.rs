@@ -13,7 +13,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::cli::{Sandbox, TINY, sets};
 use crate::program::{example, sandbox, train};
 use crate::resume::assert_same_runs;
-use crate::study::trial_lines;
+use crate::study::{trial_file, trial_lines};
 
 /// Long enough to be hit, and with checkpoints on the way.
 const LONG: [&str; 3] = ["budget.steps=3000", "evaluation.every_steps=500", "checkpoint.every_steps=300"];
