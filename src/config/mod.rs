@@ -36,9 +36,7 @@ pub(crate) use aliases::meanings;
 pub(crate) use difference::difference;
 pub(crate) use environment::EnvironmentConfig;
 pub(crate) use schema::Setting;
-pub use schema::keys;
-pub use schema::markdown_table;
-pub use schema::schema;
+pub use schema::{keys, markdown_table, schema};
 
 /// Largest config that is read, in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;

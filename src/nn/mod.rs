@@ -18,14 +18,12 @@ mod optimizer;
 
 use serde::{Deserialize, Serialize};
 
-pub use adam::Adam;
-pub use adam::AdamConfig;
+pub use adam::{Adam, AdamConfig};
 pub(crate) use init::Init;
 pub(crate) use kernels::Float;
 pub use kernels::Kernels;
 pub use loss::Loss;
-pub use mlp::Activations;
-pub use mlp::Mlp;
+pub use mlp::{Activations, Mlp};
 pub(crate) use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm, norm};
 
 /// The shape and the start of the Q-network. Configs that earlier versions recorded have one more key.
