@@ -36,7 +36,7 @@ pub(crate) use replay::{ReplayConfig, UpdateMode};
 pub(crate) use statistics::Statistic;
 pub use statistics::{NamedNumbers, Played, Probes, STATISTICS};
 pub(crate) use target::PolicyWeights;
-pub use target::TargetUpdate;
+pub use target::{Period, TargetUpdate};
 
 /// Which agent learns, and its settings. Each is a key of the config.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::{AGENTS, Config};
-use crate::agent::{Exploration, TargetUpdate};
+use crate::agent::{Exploration, Period, TargetUpdate};
 use crate::env::Spec;
 use crate::env::catalogue::EnvironmentId;
 use crate::nn::LearningRateSchedule;
@@ -110,20 +110,16 @@ pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
 pub(super) fn alternatives() -> [(&'static str, Vec<Map<String, Value>>); 4] {
     let default = Config::default();
     let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995, repeat: 1 };
-    let every_episodes = TargetUpdate::EveryEpisodes(10);
-    let soft = TargetUpdate::Soft { tau: 0.02 };
+    let targets = [
+        TargetUpdate::Soft { tau: 0.02 },
+        TargetUpdate::Hard(Period::EverySteps(500)),
+        TargetUpdate::Hard(Period::EveryEpisodes(10)),
+        TargetUpdate::None,
+    ];
     let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
     [
         ("exploration", vec![object(default.agent.exploration()), object(per_episode)]),
-        (
-            "target",
-            vec![
-                object(soft),
-                object(TargetUpdate::EverySteps(500)),
-                object(every_episodes),
-                object(TargetUpdate::None),
-            ],
-        ),
+        ("target", targets.map(object).into()),
         ("budget", vec![object(default.budget), object(Budget::Episodes(500))]),
         ("optimizer.schedule", vec![object(default.agent.learning_rate().schedule), object(schedule)]),
     ]
