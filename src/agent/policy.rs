@@ -52,7 +52,17 @@ impl Policy {
 
     /// The greedy policy for up to `batch` observations at once.
     pub fn greedy(&self, batch: usize) -> Greedy {
-        Greedy::new(self.clone(), batch)
+        let batch = match self.clone() {
+            Self::Network(network) => {
+                let activations = Activations::new(network.sizes(), batch);
+                BatchedQ::Network(network, activations)
+            }
+            Self::Table(table) => {
+                let q = DMatrix::zeros(batch, table.num_actions());
+                BatchedQ::Table(table, q)
+            }
+        };
+        Greedy { batch, reward_scale: 1.0 }
     }
 
     /// The network, if it is one.
@@ -109,21 +119,6 @@ enum BatchedQ {
 }
 
 impl Greedy {
-    /// The greedy policy for up to `batch` observations at once.
-    fn new(policy: Policy, batch: usize) -> Self {
-        let batch = match policy {
-            Policy::Network(network) => {
-                let activations = Activations::new(network.sizes(), batch);
-                BatchedQ::Network(network, activations)
-            }
-            Policy::Table(table) => {
-                let q = DMatrix::zeros(batch, table.num_actions());
-                BatchedQ::Table(table, q)
-            }
-        };
-        Self { batch, reward_scale: 1.0 }
-    }
-
     fn q(&self) -> &DMatrix<f32> {
         match &self.batch {
             BatchedQ::Network(_, activations) => activations.output(),
@@ -145,16 +140,10 @@ impl Greedy {
 
     /// Computes the Q-values of these observations.
     pub fn forward_batch<'a>(&mut self, observations: impl Iterator<Item = &'a [f32]>) {
-        let size = self.batch();
         match &mut self.batch {
             BatchedQ::Table(table, q) => table.forward(observations, q),
             BatchedQ::Network(network, activations) => {
-                let input = activations.input_mut().as_mut_slice();
-                for (sample, observation) in observations.enumerate() {
-                    for (value, &feature) in input[sample..].iter_mut().step_by(size).zip(observation) {
-                        *value = feature;
-                    }
-                }
+                activations.set_rows(observations);
                 network.forward(activations);
             }
         }

@@ -43,12 +43,9 @@ pub struct Statistic {
     pub(crate) is_logarithmic: bool,
 }
 
-const fn statistic(
-    name: &'static str,
-    label: &'static str,
-    title: &'static str,
-    meaning: &'static str,
-) -> Statistic {
+type Text = &'static str;
+
+const fn statistic(name: Text, label: Text, title: Text, meaning: Text) -> Statistic {
     Statistic { name, label, title, meaning, is_logarithmic: false }
 }
 
@@ -160,11 +157,7 @@ pub(super) fn value_statistics(
 
 fn forward(policy: &Mlp<f32>, observations: &[Vec<f32>]) -> Activations<f32> {
     let mut activations = Activations::new(policy.sizes(), observations.len());
-    for (sample, observation) in observations.iter().enumerate() {
-        for (feature, &value) in observation.iter().enumerate() {
-            activations.input_mut()[(sample, feature)] = value;
-        }
-    }
+    activations.set_rows(observations.iter().map(Vec::as_slice));
     policy.forward(&mut activations);
     activations
 }

@@ -42,6 +42,17 @@ impl<T: Kernels> Activations<T> {
         self.layers[0].as_mut_slice().copy_from_slice(input.as_slice());
     }
 
+    /// Copies observations into the first rows of the network's input.
+    pub(crate) fn set_rows<'a>(&mut self, rows: impl Iterator<Item = &'a [T]>) {
+        let batch = self.layers[0].nrows();
+        let input = self.layers[0].as_mut_slice();
+        for (sample, row) in rows.enumerate() {
+            for (value, &feature) in input[sample..].iter_mut().step_by(batch).zip(row) {
+                *value = feature;
+            }
+        }
+    }
+
     /// The network's output, (batch, out).
     pub fn output(&self) -> &DMatrix<T> {
         &self.layers[self.layers.len() - 1]
