@@ -53,11 +53,9 @@ pub(crate) struct ProgramConfig {
     permission: Permission,
 }
 
-/// What starts the program, to play in it and to ask for its task; none as long as nobody has allowed that.
+/// What starts the program; none as long as nobody has allowed that.
 #[derive(Clone, Default)]
-struct Permission(Option<(Arc<Make>, Arc<AskTask>)>);
-
-type AskTask = dyn Fn() -> Result<Spec, EnvironmentError> + Send + Sync;
+struct Permission(Option<Arc<Make>>);
 
 impl PartialEq for Permission {
     /// A permission is no part of a config.
@@ -88,7 +86,7 @@ impl EnvironmentConfig {
         match self.clone() {
             Self::Named(id) => Arc::new(move |max_steps| id.make(max_steps)),
             Self::Program(program) => match program.permission() {
-                Ok((make, _)) => Arc::clone(make),
+                Ok(make) => Arc::clone(make),
                 Err(refusal) => Arc::new(move |_| Err(refusal.clone())),
             },
         }
@@ -113,21 +111,17 @@ impl EnvironmentConfig {
                 program.task.clone(),
                 show,
             ));
-            let asked = Arc::clone(&programs);
-            program.permission = Permission(Some((
-                Arc::new(move |max_steps| {
-                    Ok(Box::new(crate::env::TimeLimit::new(programs.make()?, max_steps)))
-                }),
-                Arc::new(move || Ok(Spec::clone(&*asked.task()?))),
-            )));
+            program.permission = Permission(Some(Arc::new(move |max_steps| {
+                Ok(Box::new(crate::env::TimeLimit::new(programs.make()?, max_steps)))
+            })));
         }
     }
 
     /// Starts a program that is allowed to, and asks it for its task.
     pub(super) fn ask(&mut self) -> Result<(), EnvironmentError> {
         if let Self::Program(program) = self {
-            let (_, ask) = program.permission()?;
-            program.task = Some(ask()?);
+            let environment = program.permission()?(1)?;
+            program.task = Some(environment.spec().clone());
         }
         Ok(())
     }
@@ -143,7 +137,7 @@ impl ProgramConfig {
         excerpt(&shell_line(&self.command), 200)
     }
 
-    fn permission(&self) -> Result<&(Arc<Make>, Arc<AskTask>), EnvironmentError> {
+    fn permission(&self) -> Result<&Arc<Make>, EnvironmentError> {
         let refusal = || EnvironmentError::new(&self.name(), "nobody has allowed its program to be started");
         self.permission.0.as_ref().ok_or_else(refusal)
     }

@@ -5,6 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde::Deserialize;
 
 use super::super::{EnvironmentError, Image, Outcome, Spec};
+use super::Answer;
 use super::process::{MAX_ANSWER, Process, shortened};
 use crate::mirror::Mirror;
 
@@ -58,7 +59,7 @@ impl Hello {
 
 impl Process {
     /// Asks what the task is.
-    pub(super) fn hello(&mut self) -> Result<Spec, EnvironmentError> {
+    pub(super) fn hello(&mut self) -> Answer<Spec> {
         let request = format!("hello {PROTOCOL}");
         let line = self.answer(&request, MAX_ANSWER)?;
         let parsed = serde_json::from_str::<Hello>(&line).map_err(|error| error.to_string());
@@ -72,7 +73,7 @@ impl Process {
     }
 
     /// Starts an episode. The first time that is done twice, and must be the same.
-    pub(super) fn reset(&mut self, seed: u64, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    pub(super) fn reset(&mut self, seed: u64, observation: &mut [f32]) -> Answer<()> {
         let request = format!("reset {seed}");
         self.reset_once(&request, observation)?;
         if !self.is_checked {
@@ -89,7 +90,7 @@ impl Process {
         Ok(())
     }
 
-    fn reset_once(&mut self, request: &str, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset_once(&mut self, request: &str, observation: &mut [f32]) -> Answer<()> {
         let line = self.answer(request, MAX_ANSWER)?;
         let mut words = line.split_ascii_whitespace();
         let read = match words.next() {
@@ -103,11 +104,7 @@ impl Process {
     }
 
     /// One step of the episode.
-    pub(super) fn step(
-        &mut self,
-        action: usize,
-        observation: &mut [f32],
-    ) -> Result<Outcome, EnvironmentError> {
+    pub(super) fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         let request = format!("step {action}");
         let line = self.answer(&request, MAX_ANSWER)?;
         read_step(&line, observation).map_err(|problem| {
@@ -120,7 +117,7 @@ impl Process {
     }
 
     /// The picture of what there is now; none if the program draws nothing.
-    pub(super) fn render(&mut self) -> Result<Option<Image>, EnvironmentError> {
+    pub(super) fn render(&mut self) -> Answer<Option<Image>> {
         let line = self.answer("render", MAX_FRAME)?;
         if line == "no frame" {
             return Ok(None);
@@ -136,7 +133,7 @@ impl Process {
     }
 
     /// The answer to a request, unless it is an error.
-    fn answer(&mut self, request: &str, max_bytes: usize) -> Result<String, EnvironmentError> {
+    fn answer(&mut self, request: &str, max_bytes: usize) -> Answer<String> {
         let line = self.ask(request, max_bytes)?;
         match line.strip_prefix("error") {
             Some(message) if message.is_empty() || message.starts_with(' ') => {

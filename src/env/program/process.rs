@@ -14,7 +14,7 @@ use rustix::io::Errno;
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::super::EnvironmentError;
-use super::ShowLine;
+use super::{Answer, ShowLine};
 use crate::text::{excerpt, shell_line, visible};
 
 /// Longest answer in bytes; a picture may be longer.
@@ -47,11 +47,7 @@ pub(super) struct Process {
 }
 
 impl Process {
-    pub(super) fn start(
-        command: &[String],
-        timeout: Duration,
-        show: ShowLine,
-    ) -> Result<Self, EnvironmentError> {
+    pub(super) fn start(command: &[String], timeout: Duration, show: ShowLine) -> Answer<Self> {
         let name = excerpt(&shell_line(command), LENGTH);
         let error = |problem: String| EnvironmentError::new(&name, &problem);
         let (program, arguments) =
@@ -80,7 +76,7 @@ impl Process {
     }
 
     /// Writes a request and reads its answer, one line of at most `max_bytes`.
-    pub(super) fn ask(&mut self, request: &str, max_bytes: usize) -> Result<String, EnvironmentError> {
+    pub(super) fn ask(&mut self, request: &str, max_bytes: usize) -> Answer<String> {
         if self.is_readable(Duration::ZERO) && self.read().is_ok_and(|count| count > 0) {
             let line = shortened(&String::from_utf8_lossy(&self.buffer));
             return Err(self.error(&format!("it wrote `{line}` before it was asked `{request}`; {STDOUT}")));
@@ -128,7 +124,7 @@ impl Process {
     }
 
     /// Takes the line that has been read. There must be nothing behind it.
-    fn line(&mut self, request: &str) -> Result<String, EnvironmentError> {
+    fn line(&mut self, request: &str) -> Answer<String> {
         let bytes = std::mem::take(&mut self.buffer);
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
