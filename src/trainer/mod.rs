@@ -344,7 +344,6 @@ impl Trainer {
         observer.event(event).map_err(|source| TrainError::Event { env_steps, source })
     }
 
-    /// The run's settings.
     pub fn config(&self) -> &TrainerConfig {
         &self.config
     }
@@ -354,7 +353,6 @@ impl Trainer {
         &self.spec
     }
 
-    /// How far the run is.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
@@ -364,17 +362,14 @@ impl Trainer {
         self.best_policy.as_ref()
     }
 
-    /// The agent as it is now.
     pub fn agent(&self) -> &dyn Agent {
         &*self.agent
     }
 
-    /// The agent, to be changed.
     pub(crate) fn agent_mut(&mut self) -> &mut dyn Agent {
         &mut *self.agent
     }
 
-    /// The summary of the run.
     pub fn summary(&self, end_reason: EndReason, wall_seconds: f64) -> Summary {
         let Progress { env_steps, episodes, updates, solved_at_step, branched_at_step, .. } = self.progress;
         Summary {

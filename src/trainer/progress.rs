@@ -21,7 +21,6 @@ pub struct Evaluation {
 /// The counters of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Environment steps.
     pub env_steps: u64,
     /// Complete episodes.
     pub episodes: u64,
@@ -29,7 +28,6 @@ pub struct Progress {
     pub updates: u64,
     /// The best evaluation so far, the latest of equals.
     pub best_evaluation: Option<Evaluation>,
-    /// The latest evaluation.
     pub last_evaluation: Option<Evaluation>,
     /// Environment steps before the first evaluation that solved the task.
     pub solved_at_step: Option<u64>,
