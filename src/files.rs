@@ -226,17 +226,24 @@ fn not_ordinary() -> io::Error {
 pub(crate) fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     let file = open_ordinary(path)?;
     let size = file.metadata()?.len();
-    let too_large = || {
-        let message = format!("larger than {max_bytes} bytes");
-        io::Error::new(io::ErrorKind::FileTooLarge, message)
-    };
-    if size > max_bytes {
-        return Err(too_large());
-    }
+    check_size(size, max_bytes)?;
     let mut bytes = Vec::new();
-    bytes.try_reserve_exact(usize::try_from(size).map_err(|_| too_large())?)?;
-    file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > max_bytes { Err(too_large()) } else { Ok(bytes) }
+    bytes.try_reserve_exact(usize::try_from(size).unwrap_or(usize::MAX))?;
+    read_rest(file, &mut bytes, max_bytes)?;
+    Ok(bytes)
+}
+
+/// Appends what a stream still has to `bytes`, which must not become more than `max_bytes`.
+pub(crate) fn read_rest(stream: impl Read, bytes: &mut Vec<u8>, max_bytes: u64) -> io::Result<()> {
+    let room = max_bytes.saturating_sub(bytes.len() as u64);
+    stream.take(room.saturating_add(1)).read_to_end(bytes)?;
+    check_size(bytes.len() as u64, max_bytes)
+}
+
+/// Fails where a file of this size is too large.
+pub(crate) fn check_size(size: u64, max_bytes: u64) -> io::Result<()> {
+    let message = || format!("larger than {max_bytes} bytes");
+    if size > max_bytes { Err(io::Error::new(io::ErrorKind::FileTooLarge, message())) } else { Ok(()) }
 }
 
 /// As [`read_limited`], as text.

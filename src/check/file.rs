@@ -10,7 +10,7 @@ use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::files::read_limited;
+use crate::files::{read_limited, read_rest};
 use crate::nn::{Loss, Mlp};
 use crate::tensors::{check_count, foreign_format, header_of, set_torch_layer};
 use crate::text::shown;
@@ -177,24 +177,18 @@ pub enum Problem {
 impl Update {
     /// Reads a file.
     pub fn read(path: &Path) -> Result<Self, UpdateError> {
-        read_limited(path, MAX_FILE_SIZE)
-            .map_err(Problem::Unreadable)
-            .and_then(|bytes| Self::from_bytes(&bytes))
-            .map_err(|problem| UpdateError { path: path.to_owned(), problem })
+        Self::named(read_limited(path, MAX_FILE_SIZE), path)
     }
 
     /// Reads a stream whole; `path` is what errors call it.
     pub(crate) fn read_from(stream: impl Read, path: &Path) -> Result<Self, UpdateError> {
         let mut bytes = Vec::new();
-        let read = match stream.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes) {
-            Ok(size) if size as u64 > MAX_FILE_SIZE => {
-                let message = format!("larger than {MAX_FILE_SIZE} bytes");
-                Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
-            }
-            read => read,
-        };
+        Self::named(read_rest(stream, &mut bytes, MAX_FILE_SIZE).map(|()| bytes), path)
+    }
+
+    fn named(read: io::Result<Vec<u8>>, path: &Path) -> Result<Self, UpdateError> {
         read.map_err(Problem::Unreadable)
-            .and_then(|_| Self::from_bytes(&bytes))
+            .and_then(|bytes| Self::from_bytes(&bytes))
             .map_err(|problem| UpdateError { path: path.to_owned(), problem })
     }
 
@@ -278,10 +272,10 @@ impl Remaining<'_> {
             is_there.then(|| self.network(prefix, &sizes)).transpose()
         };
         let target = network("target.")?;
-        let (first, second) = (network("adam.m.")?, network("adam.v.")?);
+        let moments = [network("adam.m.")?, network("adam.v.")?];
         let (gradients, after) = (network("result.gradients.")?, network("result.online.")?);
         let batch = self.batch(batch_size, inputs, outputs, settings.gamma)?;
-        let adam = self.moments(&sizes, first, second)?;
+        let adam = self.moments(&sizes, moments)?;
         let targets = self.optional("result.targets", &[batch_size])?;
         let loss = self.optional("result.loss", &[])?.map(|loss| loss[0]);
         let results = Results { targets, loss, gradients, online: after };
@@ -300,7 +294,7 @@ impl Remaining<'_> {
             let inputs = sizes.last().map_or("inputs".into(), usize::to_string);
             let expected = format!("F32 or F64 [outputs, {inputs}]");
             match self.views.get(&name) {
-                None if sizes.is_empty() => return Err(Problem::Missing { name, expected }),
+                None if sizes.is_empty() => return Err(missing(&name, &expected)),
                 None => return Ok(sizes),
                 Some(view) => match *view.shape() {
                     [rows, columns]
@@ -319,8 +313,7 @@ impl Remaining<'_> {
 
     fn batch_size(&self) -> Result<usize, Problem> {
         let (name, expected) = ("batch.observations", "numbers [batch, inputs], a batch of at least 1");
-        let missing = || Problem::Missing { name: name.into(), expected: expected.into() };
-        let view = self.views.get(name).ok_or_else(missing)?;
+        let view = self.views.get(name).ok_or_else(|| missing(name, expected))?;
         match *view.shape() {
             [batch, _] if batch > 0 => Ok(batch),
             _ => Err(wrong(name, view, expected)),
@@ -382,18 +375,12 @@ impl Remaining<'_> {
         Ok(values.into_iter().map(|value| value == 1.0).collect())
     }
 
-    fn moments(
-        &mut self,
-        sizes: &[usize],
-        first: Option<Mlp<f64>>,
-        second: Option<Mlp<f64>>,
-    ) -> Result<Moments, Problem> {
+    fn moments(&mut self, sizes: &[usize], networks: [Option<Mlp<f64>>; 2]) -> Result<Moments, Problem> {
+        let [first, second] = networks;
         let (name, expected) = ("adam.steps", "one integer from 0 to 2^53: the steps before this update");
         let is_count = |value: f64| value.fract() == 0.0 && (0.0..=9.0e15).contains(&value);
         let steps = self.views.contains_key(name);
         let steps = steps.then(|| self.values(name, &[], is_count, expected)).transpose()?;
-        let missing =
-            |name: &str, expected: &str| Problem::Missing { name: name.into(), expected: expected.into() };
         let steps = steps.map(|steps| steps[0] as u64);
         if let (None | Some(0), None, None) = (steps, &first, &second) {
             let zeros = Mlp::zeros(sizes.to_vec());
@@ -429,7 +416,7 @@ impl Remaining<'_> {
             shape => format!("F32, F64, an integer type or BOOL, of shape {shape:?}"),
         };
         let Some(view) = self.views.remove(name) else {
-            return Err(Problem::Missing { name: name.into(), expected: described() });
+            return Err(missing(name, &described()));
         };
         let fits =
             view.shape().strip_prefix(shape).is_some_and(|rest| rest.iter().all(|&length| length == 1));
@@ -439,6 +426,10 @@ impl Remaining<'_> {
         check_values(name, &values, allowed, expected)?;
         Ok(values)
     }
+}
+
+fn missing(name: &str, expected: &str) -> Problem {
+    Problem::Missing { name: name.into(), expected: expected.into() }
 }
 
 fn wrong(name: &str, view: &TensorView, expected: &str) -> Problem {

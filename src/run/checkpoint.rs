@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::agent::Policy;
 use crate::env::Spec;
-use crate::files::{Directory, open_ordinary, read_limited, write_whole};
+use crate::files::{Directory, check_size, open_ordinary, read_limited, read_rest};
 use crate::memory::check_memory;
 use crate::tensors::{TensorError, Tensors, check_count, foreign_format, header_of, sha256};
 use crate::trainer::ResumeError;
@@ -124,9 +124,8 @@ impl Checkpoint {
         // The length of the header in 8 bytes, then the header, which is a JSON object.
         stream.by_ref().take(9).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
         if bytes.last() == Some(&b'{') {
-            stream.take(MAX_FILE_SIZE).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
+            read_rest(stream, &mut bytes, MAX_FILE_SIZE).map_err(CheckpointProblem::Unreadable)?;
         }
-        check_size(bytes.len() as u64)?;
         Self::from_bytes(&bytes)
     }
 
@@ -156,16 +155,7 @@ impl Checkpoint {
         Ok(bytes)
     }
 
-    /// Writes a file whole.
-    ///
-    /// # Errors
-    /// When it cannot be written; a file that was there before then still is.
-    pub fn write(&self, path: &Path) -> io::Result<()> {
-        let bytes = self.to_bytes()?;
-        write_whole(path, |file| file.write_all(&bytes))
-    }
-
-    /// As [`Self::write`], below a directory and through no link. The file that was there before stays under the name
+    /// Writes a file whole, below a directory and through no link. The file that was there before stays under the name
     /// `kept`.
     pub(crate) fn write_below(
         &self,
@@ -206,20 +196,12 @@ fn no_safetensors(start: &[u8], reason: String) -> CheckpointProblem {
     foreign_format(start).map_or(CheckpointProblem::NotSafetensors(reason), CheckpointProblem::Foreign)
 }
 
-fn check_size(size: u64) -> Result<(), CheckpointProblem> {
-    let too_large = || {
-        let message = format!("larger than {MAX_FILE_SIZE} bytes");
-        CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message))
-    };
-    if size > MAX_FILE_SIZE { Err(too_large()) } else { Ok(()) }
-}
-
 /// Checks the length of a file against what its header says.
 fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     const LENGTH: usize = size_of::<u64>();
     let mut file = open_ordinary(path).map_err(CheckpointProblem::Unreadable)?;
     let size = file.metadata().map_err(CheckpointProblem::Unreadable)?.len();
-    check_size(size)?;
+    check_size(size, MAX_FILE_SIZE).map_err(CheckpointProblem::Unreadable)?;
     let mut length = [0; LENGTH];
     file.read_exact(&mut length)
         .map_err(|_| CheckpointProblem::NotSafetensors("shorter than 8 bytes".into()))?;
