@@ -27,34 +27,29 @@ impl Stage {
     }
 }
 
+type Text = &'static str;
+
 /// A mistake that people make.
 #[derive(Debug, Serialize)]
 pub struct Mistake {
     /// Its name for programs.
-    pub id: &'static str,
+    pub id: Text,
     /// The first quantity that it changes.
     #[serde(skip)]
     pub stage: Stage,
     /// What they compute, and what is right.
-    pub(crate) what: &'static str,
+    pub(crate) what: Text,
     /// Why it matters.
-    pub(crate) why: &'static str,
+    pub(crate) why: Text,
     /// How to mend it in PyTorch, Keras or JAX.
-    pub(crate) mend: &'static str,
+    pub(crate) mend: Text,
     /// Makes it; leaves a variant alone that cannot have it.
     #[serde(skip)]
     pub(crate) make: fn(&mut Variant),
 }
 
 impl Mistake {
-    const fn new(
-        stage: Stage,
-        id: &'static str,
-        make: fn(&mut Variant),
-        what: &'static str,
-        why: &'static str,
-        mend: &'static str,
-    ) -> Self {
+    const fn new(stage: Stage, id: Text, make: fn(&mut Variant), what: Text, why: Text, mend: Text) -> Self {
         Self { id, stage, what, why, mend, make }
     }
 

@@ -96,12 +96,6 @@ impl Hypothesis {
         with.mistakes.push(Explained { mistake, quantity, reported_only: false });
         with
     }
-
-    fn explanation(&self) -> Vec<Explained> {
-        let mut mistakes = self.mistakes.clone();
-        mistakes.sort_by_key(|explained| explained.quantity);
-        mistakes
-    }
 }
 
 /// Judges targets, loss, gradients and weights, each given what explains the ones before it.
@@ -161,16 +155,15 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
     let is_unexplained = quantities.iter().any(|quantity| quantity.state == QuantityState::Different);
     let not_visible =
         if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0], &mut left_out) };
+    let is_equal = |judged: &Judged| matches!(judged.state, QuantityState::Absent | QuantityState::Equal);
+    let explanations = hypotheses.into_iter().map(|Hypothesis { mut mistakes, .. }| {
+        mistakes.sort_by_key(|explained| explained.quantity);
+        mistakes
+    });
     Verdict {
-        equal: quantities
-            .iter()
-            .all(|quantity| matches!(quantity.state, QuantityState::Absent | QuantityState::Equal)),
+        equal: quantities.iter().all(is_equal),
         not_visible,
-        explanations: hypotheses
-            .iter()
-            .map(Hypothesis::explanation)
-            .filter(|list| !list.is_empty())
-            .collect(),
+        explanations: explanations.filter(|mistakes| !mistakes.is_empty()).collect(),
         quantities,
         norm_clipping,
         mistakes_left_out: left_out.mistakes,
