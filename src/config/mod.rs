@@ -181,10 +181,8 @@ impl Config {
         sets: &[String],
         varied: &[String],
     ) -> Result<Self, ConfigError> {
-        let mut layers = Vec::new();
-        if let Some((name, text)) = file {
-            layers.push(Layer::from_json(name, text)?);
-        }
+        let file = file.map(|(name, text)| Layer::from_json(name, text)).transpose()?;
+        let mut layers: Vec<_> = file.into_iter().collect();
         let options = [("--set", sets), ("--vary", varied)];
         let given = options.into_iter().filter(|(_, sets)| !sets.is_empty());
         let given =
