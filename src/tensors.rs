@@ -142,13 +142,11 @@ impl Tensors {
         self.0.iter().map(|(name, tensor)| (name.as_str(), tensor.dtype, tensor.shape.as_slice()))
     }
 
-    /// Adds a tensor.
     pub fn put<T: Element>(&mut self, name: &str, shape: &[usize], values: &[T]) {
         let tensor = Tensor { dtype: T::DTYPE, shape: shape.to_vec(), bytes: T::to_bytes(values) };
         self.0.insert(name.to_owned(), tensor);
     }
 
-    /// A tensor's values.
     pub fn get<T: Element>(&self, name: &str, shape: &[usize]) -> Result<Vec<T>, TensorError> {
         let tensor = self.tensor(name)?;
         if tensor.dtype != T::DTYPE || tensor.shape != shape {
@@ -157,12 +155,10 @@ impl Tensors {
         Ok(T::from_bytes(&tensor.bytes))
     }
 
-    /// The one value of a tensor.
     pub(crate) fn get_one<T: Element>(&self, name: &str) -> Result<T, TensorError> {
         self.get(name, &[1])?.into_iter().next().ok_or_else(|| TensorError::Missing(name.to_owned()))
     }
 
-    /// A tensor's shape.
     pub(crate) fn shape(&self, name: &str) -> Result<&[usize], TensorError> {
         Ok(&self.tensor(name)?.shape)
     }

@@ -61,12 +61,10 @@ impl AgentConfig {
         }
     }
 
-    /// The settings of a [`Dqn`].
     pub fn as_dqn(&self) -> Option<&DqnConfig> {
         if let Self::Dqn(config) = self { Some(config) } else { None }
     }
 
-    /// The step size and its schedule.
     pub fn learning_rate(&self) -> LearningRate {
         match self {
             Self::Dqn(config) => config.optimizer.learning_rate(),
@@ -74,7 +72,6 @@ impl AgentConfig {
         }
     }
 
-    /// The schedule of ε.
     pub fn exploration(&self) -> Exploration {
         match self {
             Self::Dqn(config) => config.exploration,
@@ -111,10 +108,8 @@ pub trait Agent: Any + Send {
     #[must_use]
     fn start_from(&mut self, policy: &Policy) -> bool;
 
-    /// The discount factor γ per step.
     fn gamma(&self) -> f64;
 
-    /// How far learning is.
     fn counters(&self) -> Counters;
 
     /// What learning looks like from inside, each number under a name of [`STATISTICS`]; none before anything was
@@ -133,7 +128,6 @@ pub trait Agent: Any + Send {
 }
 
 impl dyn Agent {
-    /// The agent, if it is a [`Dqn`].
     pub fn as_dqn(&self) -> Option<&Dqn> {
         (self as &dyn Any).downcast_ref()
     }
@@ -153,7 +147,6 @@ pub struct Counters {
 /// A loss, a gradient or a weight became NaN or infinite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotFinite {
-    /// The loss of a minibatch.
     #[error("the loss")]
     Loss,
     /// The gradient of a minibatch. Adam's step makes a weight of it that is not finite either.

@@ -11,7 +11,6 @@ use crate::tensors::{TensorError, Tensors, weights_sha256};
 pub enum Policy {
     /// A Q-network for observations as the environment gives them.
     Network(Mlp<f32>),
-    /// A table of Q-values.
     Table(QTable),
 }
 
@@ -65,12 +64,10 @@ impl Policy {
         Greedy { batch, reward_scale: 1.0 }
     }
 
-    /// The network, if it is one.
     pub fn network(&self) -> Option<&Mlp<f32>> {
         if let Self::Network(network) = self { Some(network) } else { None }
     }
 
-    /// The table, if it is one.
     pub(crate) fn table(&self) -> Option<&QTable> {
         if let Self::Table(table) = self { Some(table) } else { None }
     }
@@ -96,7 +93,6 @@ impl Policy {
 
 /// Chooses actions, one observation at a time.
 pub trait Actor {
-    /// The action for an observation.
     fn act(&mut self, observation: &[f32]) -> usize;
 
     /// The estimated returns of all actions in the observation last acted on, in units of the environment's rewards;

@@ -71,12 +71,10 @@ impl QTable {
         cell * self.num_actions
     }
 
-    /// Number of cells of each coordinate.
     pub(crate) fn bins(&self) -> Vec<usize> {
         self.edges.iter().map(|edges| edges.len() + 1).collect()
     }
 
-    /// The inner edges of each coordinate.
     pub fn edges(&self) -> &[Vec<f32>] {
         &self.edges
     }
@@ -87,7 +85,6 @@ impl QTable {
         (cells.len(), cells.filter(|visits| visits.iter().any(|&count| count > 0)).count())
     }
 
-    /// How many updates there were.
     pub fn updates(&self) -> u64 {
         self.visits.iter().fold(0, |sum, &count| sum.saturating_add(count))
     }
@@ -184,7 +181,6 @@ impl QTable {
         }
     }
 
-    /// Number of actions.
     pub(crate) fn num_actions(&self) -> usize {
         self.num_actions
     }

@@ -3,7 +3,6 @@
 use super::Actor;
 use crate::rng::Rng;
 
-/// Acts at random.
 #[derive(Clone, Debug)]
 pub(crate) struct Random {
     num_actions: usize,

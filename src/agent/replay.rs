@@ -12,19 +12,14 @@ use crate::mirror::Mirror;
 use crate::rng::Rng;
 use crate::tensors::{TensorError, Tensors};
 
-/// Settings of the replay memory.
+/// Settings of the replay memory. Each is a key of the config, see `config::keys`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReplayConfig {
-    /// Transitions that the memory holds before it overwrites the oldest.
     pub capacity: usize,
-    /// Transitions in a minibatch.
     pub batch_size: usize,
-    /// Environment steps before the first update.
     pub(crate) warmup_steps: u64,
-    /// How a minibatch is used.
     pub(crate) update: UpdateMode,
-    /// Whether every sample of a minibatch is replaced by its mirror image with probability ½.
     pub mirror: bool,
 }
 
@@ -51,13 +46,9 @@ pub(crate) enum UpdateMode {
 /// One step of experience.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition<'a> {
-    /// What the agent saw.
     pub observation: &'a [f32],
-    /// What it did.
     pub action: usize,
-    /// What it got.
     pub reward: f32,
-    /// What it saw then.
     pub next_observation: &'a [f32],
     /// Whether the value of `next_observation` is 0.
     pub terminated: bool,
@@ -213,7 +204,6 @@ impl Replay {
         }
     }
 
-    /// Transitions in the memory.
     pub fn len(&self) -> usize {
         self.len
     }

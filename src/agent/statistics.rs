@@ -8,7 +8,6 @@ use crate::nn::{Activations, Mlp, norm};
 /// Observations on which a policy is asked for its Q-values, the same ones during a whole run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Probes {
-    /// Ordinary observations.
     pub ordinary: Vec<Vec<f32>>,
     /// Observations after which no action keeps an episode alive for more than a few steps.
     pub doomed: Vec<Vec<f32>>,
@@ -23,9 +22,7 @@ pub struct Played {
     pub discounted: f64,
     /// max_a Q of the first observation.
     pub expected: f64,
-    /// Environment steps.
     pub steps: u64,
-    /// Whether the task itself ended the episode.
     pub terminated: bool,
 }
 
@@ -39,7 +36,6 @@ pub struct Statistic {
     /// Its title over a plot; empty if no plot shows the statistic.
     pub(crate) title: &'static str,
     pub meaning: &'static str,
-    /// Whether its axis is logarithmic.
     pub(crate) is_logarithmic: bool,
 }
 
@@ -78,7 +74,6 @@ impl NamedNumbers {
         Self(known.map(|(name, number)| (name.to_owned(), number)).collect())
     }
 
-    /// The number of this name.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(other, _)| other == name).map(|&(_, number)| number)
     }

@@ -39,7 +39,6 @@ pub struct Mistake {
     pub stage: Stage,
     /// What they compute, and what is right.
     pub(crate) what: Text,
-    /// Why it matters.
     pub(crate) why: Text,
     /// How to mend it in PyTorch, Keras or JAX.
     pub(crate) mend: Text,

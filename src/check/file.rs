@@ -31,17 +31,14 @@ pub(crate) const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
 /// One update: what it started from, and what somebody made of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Update {
-    /// How it is to be computed.
     pub settings: Settings,
     /// The online network before the update.
     pub online: Mlp<f64>,
     /// The target network; none if the online network bootstraps itself.
     pub target: Option<Mlp<f64>>,
-    /// The transitions.
     pub batch: Batch,
     /// Adam before the update.
     pub adam: Moments,
-    /// What they computed.
     pub results: Results,
     /// The unit of rounding of what they computed: 2⁻²⁴ for f32, 2⁻⁵³ for f64.
     pub rounding_unit: f64,
@@ -53,7 +50,6 @@ pub struct Update {
 pub struct Settings {
     /// γ, 0…1; the default is that of PyTorch's DQN tutorial.
     pub gamma: f64,
-    /// The loss of a TD error.
     pub loss: Loss,
     /// Whether targets are those of double Q-learning.
     pub double: bool,
@@ -65,7 +61,6 @@ pub struct Settings {
     pub beta2: f64,
     /// Adam's ε, at least 0.
     pub epsilon: f64,
-    /// Where Adam's ε is added.
     pub epsilon_place: EpsilonPlace,
     /// Norm to which a longer gradient is shortened, above 0; none if it is left alone.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -112,7 +107,6 @@ pub struct Batch {
     pub discounts: Vec<f64>,
 }
 
-/// Adam's state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moments {
     /// Steps done before this update.
@@ -147,7 +141,6 @@ const TABLE: &str = "holds a table of Q-values; `check` is about the update of a
 const NO_RESULT: &str = "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or \
                          `result.online.0.weight`, …";
 
-/// See [`UpdateError`].
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
     #[error("cannot be read: {0}")]
@@ -175,7 +168,6 @@ pub enum Problem {
 }
 
 impl Update {
-    /// Reads a file.
     pub fn read(path: &Path) -> Result<Self, UpdateError> {
         Self::named(read_limited(path, MAX_FILE_SIZE), path)
     }
@@ -192,7 +184,6 @@ impl Update {
             .map_err(|problem| UpdateError { path: path.to_owned(), problem })
     }
 
-    /// Parses the content of a file.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
         let damaged = |error: safetensors::SafeTensorError| {
             foreign_format(bytes)

@@ -68,7 +68,6 @@ pub enum Mask {
     NotTerminated,
 }
 
-/// The value of the next observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NextValue {
     Max,
@@ -132,7 +131,6 @@ pub enum Clipping {
     EveryTensor,
 }
 
-/// The optimiser that turns a gradient into a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Optimizer {
     Adam,
@@ -147,7 +145,6 @@ pub enum Optimizer {
     Nothing,
 }
 
-/// Weight decay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Decay {
     None,
@@ -158,7 +155,6 @@ pub enum Decay {
 }
 
 impl Variant {
-    /// The right way.
     pub fn right(update: &Update) -> Self {
         let settings = &update.settings;
         Self {
@@ -218,7 +214,6 @@ pub struct Targets {
 
 /// The loss and its derivatives.
 pub struct LossOf {
-    /// L
     pub value: Number,
     /// ∂L/∂Q(s, ·)
     pub(super) by_q: Matrix,
@@ -227,7 +222,6 @@ pub struct LossOf {
 }
 
 impl<'a> Reference<'a> {
-    /// Computes the passes.
     pub fn new(update: &'a Update) -> Self {
         let Update { online, target, batch, rounding_unit: unit, .. } = update;
         Self {

@@ -21,10 +21,8 @@ const KEPT: usize = 3;
 /// Most parameters of which several threads have gradients at the same time.
 const MAX_PARALLEL: usize = 1 << 22;
 
-/// The verdict on an update.
 #[derive(Debug, Serialize)]
 pub struct Verdict {
-    /// Whether everything given is equal.
     pub equal: bool,
     /// The quantities, in the order in which they are computed.
     pub quantities: Vec<Judged>,
@@ -53,13 +51,11 @@ pub struct Judged {
     pub(crate) numbers: usize,
 }
 
-/// See [`Judged`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QuantityState {
     /// The file does not hold it.
     Absent,
-    /// It agrees.
     Equal,
     /// It differs, and known mistakes reproduce it.
     Explained,
@@ -67,7 +63,6 @@ pub enum QuantityState {
     Different,
 }
 
-/// A mistake in an explanation.
 #[derive(Clone, Debug, Serialize)]
 pub struct Explained {
     #[serde(flatten)]
@@ -171,7 +166,6 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
     }
 }
 
-/// What was not tried.
 #[derive(Default)]
 struct Untried {
     mistakes: Vec<&'static str>,
@@ -228,7 +222,6 @@ impl Search<'_> {
         (targets, loss)
     }
 
-    /// A quantity.
     fn compute(&self, hypothesis: &Hypothesis, stage: Stage) -> Vec<Number> {
         let variant = &hypothesis.variant;
         if let Some(gradients) = self.taken_gradients(hypothesis, stage) {

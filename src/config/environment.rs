@@ -21,7 +21,6 @@ use crate::text::{excerpt, shell_line};
 pub(crate) enum EnvironmentConfig {
     /// An environment of this crate.
     Named(EnvironmentId),
-    /// Another program.
     Program(Box<ProgramConfig>),
 }
 
@@ -71,7 +70,6 @@ impl fmt::Debug for Permission {
 }
 
 impl EnvironmentConfig {
-    /// What is known of the task.
     pub fn spec(&self) -> Result<Spec, EnvironmentError> {
         match self {
             Self::Named(id) => Ok(id.spec()),
@@ -81,7 +79,6 @@ impl EnvironmentConfig {
         }
     }
 
-    /// What makes the environment.
     pub fn make(&self) -> Arc<Make> {
         match self.clone() {
             Self::Named(id) => Arc::new(move |max_steps| id.make(max_steps)),

@@ -59,7 +59,6 @@ trait AgentRules {
         Vec::new()
     }
 
-    /// What the task decides.
     fn task_rules(&self, task: &Spec) -> Vec<Rule>;
 
     /// The memory that the agent takes for a task of these sizes.
@@ -87,26 +86,18 @@ struct AgentMemory {
     batch: u64,
 }
 
-/// Everything that decides a run. The fields are the keys of the JSON file.
+/// Everything that decides a run. The fields are the keys of the JSON file, which `keys.rs` explains.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Config {
-    /// Seed of every random stream of the run.
     pub seed: u64,
-    /// The task.
     pub(crate) environment: EnvironmentConfig,
-    /// Steps after which a training episode is truncated; none for the environment's own limit.
     pub max_episode_steps: Option<u32>,
     #[serde(flatten)]
     pub agent: AgentConfig,
-    /// When the run ends.
     pub budget: Budget,
-    /// The greedy evaluations during training.
     pub evaluation: EvaluationConfig,
-    /// How often `checkpoints/last.safetensors` is written.
     pub(crate) checkpoint: CheckpointConfig,
-    /// Whether the run ends at the first evaluation that solves the task.
     pub(crate) stop_when_solved: bool,
-    /// The steps that a policy must last to end the run; none if no policy does.
     pub stop_when_lasting_steps: Option<u32>,
 }
 
@@ -275,12 +266,10 @@ impl Config {
         })
     }
 
-    /// What makes the run's environment.
     pub fn make(&self) -> Arc<Make> {
         self.environment.make()
     }
 
-    /// The run's agent, for a task.
     pub(crate) fn make_agent(&self, spec: &Spec) -> Box<dyn Agent> {
         self.agent.make(spec.observation_size, spec.num_actions, spec.mirror.as_ref(), self.seed)
     }
@@ -295,7 +284,6 @@ impl Config {
         Trainer::new(self.trainer(), |spec| self.make_agent(spec), make)
     }
 
-    /// What the trainer needs to know.
     pub fn trainer(&self) -> TrainerConfig {
         TrainerConfig {
             seed: self.seed,

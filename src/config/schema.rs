@@ -140,13 +140,10 @@ fn default_of(path: &str) -> Option<Value> {
 /// One key of a config.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// Its path, `group.name`.
     pub path: &'static str,
-    /// The value in the config.
     pub value: Value,
     /// The value that the key has if no layer sets it.
     pub default: Value,
-    /// What the key decides.
     pub meaning: &'static str,
     /// The allowed values, in words.
     pub allowed: String,

@@ -55,11 +55,9 @@ impl CartPole {
     pub const MAX_POSITION: f64 = 2.4;
     /// The angle of the pole, in rad, beyond which an episode terminates.
     pub(crate) const MAX_ANGLE: f64 = 12.0 * 2.0 * std::f64::consts::PI / 360.0;
-    /// The length of the pole, in m.
     pub(crate) const POLE_LENGTH: f64 = 2.0 * HALF_LENGTH;
     /// Steps after which an episode of CartPole-v1 is truncated.
     pub(crate) const MAX_STEPS: u32 = 500;
-    /// Steps in a second of simulated time.
     pub(crate) const STEPS_PER_SECOND: u32 = 50;
 
     /// A cart at the given x, ẋ, θ, θ̇.

@@ -31,7 +31,6 @@ pub struct Shape {
     pub color: Color,
 }
 
-/// The form of a shape.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outline {
     /// A filled polygon with these corners.

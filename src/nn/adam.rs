@@ -7,9 +7,7 @@ use super::kernels::{AdamCoefficients, Kernels};
 pub struct AdamConfig {
     /// Step size α of the first step, above 0 and at most 1.
     pub learning_rate: f64,
-    /// Decay of the first moment, 0 ≤ β₁ < 1.
     pub beta1: f64,
-    /// Decay of the second moment, 0 ≤ β₂ < 1.
     pub beta2: f64,
     /// Added to the root of the bias-corrected second moment, 1e-30…1.
     pub epsilon: f64,
@@ -21,7 +19,6 @@ pub struct Adam<T> {
     config: AdamConfig,
     /// Step size α of the next step.
     pub learning_rate: f64,
-    /// Steps done.
     pub steps: u64,
     /// m, the running mean of the gradient.
     pub first_moment: Vec<T>,

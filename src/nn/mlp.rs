@@ -6,7 +6,6 @@ use super::kernels::scratch_len;
 use super::{Kernels, NetworkConfig};
 use crate::rng::Rng;
 
-/// A network of dense layers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mlp<T> {
     sizes: Vec<usize>,
@@ -58,7 +57,6 @@ impl<T: Kernels> Activations<T> {
         &self.layers[self.layers.len() - 1]
     }
 
-    /// The outputs of the hidden layers.
     pub(crate) fn hidden(&self) -> &[DMatrix<T>] {
         &self.layers[1..self.layers.len() - 1]
     }
@@ -98,7 +96,6 @@ impl<T: Kernels> Mlp<T> {
         &self.sizes
     }
 
-    /// Number of dense layers.
     pub fn num_layers(&self) -> usize {
         self.sizes.len() - 1
     }
@@ -108,7 +105,6 @@ impl<T: Kernels> Mlp<T> {
         &self.parameters
     }
 
-    /// All parameters, for an optimiser.
     pub fn parameters_mut(&mut self) -> &mut [T] {
         &mut self.parameters
     }

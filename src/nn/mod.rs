@@ -29,9 +29,7 @@ pub(crate) use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, 
 /// The shape and the start of the Q-network. Configs that earlier versions recorded have one more key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NetworkConfig {
-    /// Units of each hidden layer, first to last; `[]` is a linear network.
     pub hidden: Vec<usize>,
-    /// How the weights start.
     pub(crate) init: Init,
 }
 

@@ -64,7 +64,6 @@ pub struct CheckpointError {
     pub(crate) problem: CheckpointProblem,
 }
 
-/// See [`CheckpointError`].
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointProblem {
     #[error("cannot be read: {0}")]
@@ -129,7 +128,6 @@ impl Checkpoint {
         Self::from_bytes(&bytes)
     }
 
-    /// Parses the content of a file.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, CheckpointProblem> {
         let damaged = |error: safetensors::SafeTensorError| no_safetensors(bytes, error.to_string());
         check_count(header_of(bytes)).map_err(CheckpointProblem::NotSafetensors)?;

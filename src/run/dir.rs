@@ -181,7 +181,6 @@ impl RunDir {
         }
     }
 
-    /// The config of the run in the directory.
     pub(crate) fn read_config(&self) -> Result<Config, RunError> {
         if !self.path.is_dir() {
             let problem = if self.path.exists() { "is not a directory" } else { "does not exist" };
@@ -228,7 +227,6 @@ impl RunDir {
         self.write_json(&self.config(), config)
     }
 
-    /// Writes a value whole as indented JSON.
     pub(crate) fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
         self.directory()?.write_json(path, value)
     }

@@ -78,7 +78,6 @@ impl RunRecord {
     /// Fields that may differ between equal runs.
     pub(crate) const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
 
-    /// The record of a run in a directory.
     pub fn new(run: &RunDir, trainer: &Trainer, reason: EndReason, wall_seconds: f64) -> Self {
         let file_sha256 = |path: PathBuf| read_limited(&path, MAX_HASHED).ok().map(|bytes| sha256([bytes]));
         Self {

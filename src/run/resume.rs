@@ -27,11 +27,8 @@ pub(crate) struct Started {
     pub(crate) notes: Vec<String>,
 }
 
-/// What comes of resuming a run.
 pub(crate) enum Resumed {
-    /// The run can be trained.
     Run(Box<Started>),
-    /// The run has ended.
     Ended(Box<EndedRun>),
 }
 
@@ -174,7 +171,6 @@ pub fn resume(
     Ok(Resumed::Run(Box::new(Started { dir, config, trainer, recorder, notes })))
 }
 
-/// Why there is nothing to resume.
 fn why_ended(trainer: &Trainer, reason: EndReason) -> String {
     let (steps, episodes) = (trainer.progress().env_steps, trainer.progress().episodes);
     match reason {

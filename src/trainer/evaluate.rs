@@ -258,22 +258,16 @@ pub struct Recording {
     pub(crate) frames: Vec<Frame>,
     /// The undiscounted return.
     pub total: f64,
-    /// Whether the task itself ended it.
     pub terminated: bool,
 }
 
-/// One moment of an episode.
+/// One moment of an episode, with what [`Moment`] has.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Frame {
-    /// The environment's state, or the observation of one that shows none.
     pub state: Vec<f64>,
-    /// What the agent saw.
     pub observation: Vec<f32>,
-    /// What the environment looks like; none if it has no picture.
     pub(crate) scene: Option<Scene>,
-    /// The action that was taken in it; none at the end.
     pub action: Option<usize>,
-    /// The Q-values on which it was taken; empty at the end.
     pub(crate) q_values: Vec<f32>,
 }
 

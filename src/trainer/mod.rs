@@ -32,7 +32,6 @@ pub const EVALUATION_SEED: u64 = 1_000_000;
 /// Gymnasium seed of the first episode that scores a policy: not those that chose the best.
 pub const SCORE_SEED: u64 = 2_000_000;
 
-/// Why a run failed.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     #[error("training diverged: at environment step {env_steps} {what} became NaN or infinite")]
@@ -46,7 +45,6 @@ pub enum TrainError {
     Environment(#[from] EnvironmentError),
 }
 
-/// Why a run cannot be resumed.
 #[derive(Debug, thiserror::Error)]
 pub enum ResumeError {
     #[error(transparent)]
@@ -69,7 +67,6 @@ pub struct Snapshot {
     pub env_steps: u64,
     /// The latest evaluation; for the best policy its own.
     pub evaluation: Option<Evaluation>,
-    /// The counters of the run.
     pub progress: Option<Progress>,
     /// The policy in the tensors without a prefix, and what [`Trainer::resume`] needs.
     pub tensors: Tensors,
@@ -321,12 +318,10 @@ impl Trainer {
         self.progress.branched_at_step = Some(self.progress.env_steps);
     }
 
-    /// Whether the run is already past its budget.
     pub(crate) fn is_past_budget(&self) -> bool {
         self.progress.exceeds(self.config.budget)
     }
 
-    /// Why the run is over, if it is.
     pub fn end_reason(&self) -> Option<EndReason> {
         let TrainerConfig { budget, stop_when_solved, stop_when_lasting_steps, .. } = self.config;
         if stop_when_solved && self.progress.solved_at_step.is_some() {
@@ -348,7 +343,6 @@ impl Trainer {
         &self.config
     }
 
-    /// What is known of the run's task.
     pub fn spec(&self) -> &Spec {
         &self.spec
     }

@@ -9,7 +9,6 @@ use super::Answer;
 use super::process::{MAX_ANSWER, Process, shortened};
 use crate::mirror::Mirror;
 
-/// The version of the protocol.
 const PROTOCOL: u64 = 1;
 /// Most pixels of a picture in each direction.
 const MAX_SIDE: u16 = 2048;
@@ -58,7 +57,6 @@ impl Hello {
 }
 
 impl Process {
-    /// Asks what the task is.
     pub(super) fn hello(&mut self) -> Answer<Spec> {
         let request = format!("hello {PROTOCOL}");
         let line = self.answer(&request, MAX_ANSWER)?;
@@ -103,7 +101,6 @@ impl Process {
         })
     }
 
-    /// One step of the episode.
     pub(super) fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         let request = format!("step {action}");
         let line = self.answer(&request, MAX_ANSWER)?;
