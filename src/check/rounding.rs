@@ -137,13 +137,9 @@ pub(super) fn backward(
     for index in (first..network.num_layers()).rev() {
         let (layer, x) = (network.layer(index), &pass.inputs[index]);
         let weights = layer.len() - dy.value.ncols();
-        let (mut value, mut rounded, mut carried) =
-            (vec![0.0; layer.len()], vec![0.0; layer.len()], vec![0.0; layer.len()]);
-        let dy_squares = dy.value.map(square);
-        let x_squares = x.spread(growth);
-        layer_gradient(&dy.value, &x.value, &mut value);
-        layer_gradient(&dy_squares, &x_squares, &mut rounded);
-        layer_gradient(&dy.variance, &x.value.map(square), &mut carried);
+        let value = layer_gradient(&dy.value, &x.value);
+        let mut rounded = layer_gradient(&dy.value.map(square), &x.spread(growth));
+        let carried = layer_gradient(&dy.variance, &x.value.map(square));
         rounded[weights..].iter_mut().for_each(|bias| *bias *= growth);
         for (position, number) in gradient[end - layer.len()..end].iter_mut().enumerate() {
             number.value += value[position];
@@ -198,12 +194,11 @@ fn affine(x: &DMatrix<f64>, layer: &[f64], y: &mut DMatrix<f64>) {
     y.column_iter_mut().zip(bias).for_each(|(mut column, &bias)| column.add_scalar_mut(bias));
 }
 
-/// dW = dy xᵀ, then db = Σ_batch dy, into `gradient`.
-fn layer_gradient(dy: &DMatrix<f64>, x: &DMatrix<f64>, gradient: &mut [f64]) {
+/// dW = dy xᵀ, then db = Σ_batch dy.
+fn layer_gradient(dy: &DMatrix<f64>, x: &DMatrix<f64>) -> Vec<f64> {
     let product = dy.transpose() * x;
-    let (weight, bias) = gradient.split_at_mut(product.len());
-    weight.copy_from_slice(product.as_slice());
-    bias.iter_mut().zip(dy.column_iter()).for_each(|(bias, column)| *bias = column.sum());
+    let bias = dy.column_iter().map(|column| column.sum());
+    product.iter().copied().chain(bias).collect()
 }
 
 pub(super) fn square(x: f64) -> f64 {
