@@ -195,7 +195,7 @@ impl Dqn {
         let mirror = mirror.filter(|_| config.replay.mirror);
         Self {
             target: online.clone(),
-            adam: Adam::new(config.optimizer.adam(), online.mlp.parameters().len()),
+            adam: Adam::new(config.optimizer, online.mlp.parameters().len()),
             replay: Replay::new(config.replay.capacity, observation_size),
             replay_rng: Rng::spawn(seed, Stream::Replay),
             mirror: mirror.map(|mirror| mirror.of_divided(online.divisors())),

@@ -18,13 +18,14 @@ mod optimizer;
 
 use serde::{Deserialize, Serialize};
 
-pub use adam::{Adam, AdamConfig};
+pub use adam::Adam;
 pub(crate) use init::Init;
 pub(crate) use kernels::Float;
 pub use kernels::Kernels;
 pub use loss::Loss;
 pub use mlp::{Activations, Mlp};
-pub(crate) use optimizer::{LearningRate, LearningRateSchedule, OptimizerConfig, clip_norm, norm};
+pub use optimizer::OptimizerConfig;
+pub(crate) use optimizer::{LearningRate, LearningRateSchedule, clip_norm, norm};
 
 /// The shape and the start of the Q-network. Configs that earlier versions recorded have one more key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

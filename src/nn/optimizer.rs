@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::AdamConfig;
-
 /// Settings of the optimiser; `config::keys` has their meanings and ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -53,11 +51,6 @@ impl LearningRate {
 }
 
 impl OptimizerConfig {
-    pub fn adam(&self) -> AdamConfig {
-        let Self { learning_rate, beta1, beta2, epsilon, .. } = *self;
-        AdamConfig { learning_rate, beta1, beta2, epsilon }
-    }
-
     pub fn learning_rate(&self) -> LearningRate {
         let Self { learning_rate, schedule, .. } = *self;
         LearningRate { learning_rate, schedule }
