@@ -122,9 +122,8 @@ impl Tensors {
     pub(crate) fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
         let file = SafeTensors::deserialize(bytes)?;
         let tensors = file.iter().map(|(name, view)| {
-            let tensor =
-                Tensor { dtype: view.dtype(), shape: view.shape().to_vec(), bytes: view.data().to_vec() };
-            (name.to_owned(), tensor)
+            let (dtype, shape) = (view.dtype(), view.shape().to_vec());
+            (name.to_owned(), Tensor { dtype, shape, bytes: view.data().to_vec() })
         });
         Ok(Self(tensors.collect()))
     }
@@ -307,24 +306,18 @@ pub fn sha256<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
 fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
     let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
     let (weight, bias) = network.layer(layer).split_at(inputs * outputs);
-    let torch_weight =
-        (0..weight.len()).map(|position| weight[position % inputs * outputs + position / inputs]);
+    let torch_weight = (0..weight.len()).map(|i| weight[i % inputs * outputs + i / inputs]);
     (torch_weight.collect(), bias)
 }
 
 /// Fills a layer from its weight as [out, in] and its bias.
-pub(crate) fn set_torch_layer<T: Kernels>(
-    network: &mut Mlp<T>,
-    layer: usize,
-    torch_weight: &[T],
-    torch_bias: &[T],
-) {
+pub(crate) fn set_torch_layer<T: Kernels>(network: &mut Mlp<T>, layer: usize, weight: &[T], bias: &[T]) {
     let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
-    let (weight, bias) = network.layer_mut(layer).split_at_mut(inputs * outputs);
-    for (position, value) in weight.iter_mut().enumerate() {
-        *value = torch_weight[position % outputs * inputs + position / outputs];
+    let (weights, biases) = network.layer_mut(layer).split_at_mut(inputs * outputs);
+    for (position, value) in weights.iter_mut().enumerate() {
+        *value = weight[position % outputs * inputs + position / outputs];
     }
-    bias.copy_from_slice(torch_bias);
+    biases.copy_from_slice(bias);
 }
 
 impl Tensor {

@@ -19,15 +19,12 @@ impl Policy {
     ///
     /// # Errors
     /// When there is none, it has another shape, or a number in it is not finite.
-    pub fn from_tensors(
-        tensors: &Tensors,
-        observation_size: usize,
-        num_actions: usize,
-    ) -> Result<Self, TensorError> {
+    pub fn from_tensors(tensors: &Tensors, inputs: usize, outputs: usize) -> Result<Self, TensorError> {
         if QTable::is_in(tensors) {
-            return Ok(Self::Table(QTable::from_tensors(tensors, observation_size, num_actions)?));
+            QTable::from_tensors(tensors, inputs, outputs).map(Self::Table)
+        } else {
+            tensors.network(inputs, outputs).map(Self::Network)
         }
-        Ok(Self::Network(tensors.network(observation_size, num_actions)?))
     }
 
     /// Adds the policy, each name with a prefix.
