@@ -103,9 +103,7 @@ impl Minibatch {
         for observations in [&mut self.observations, &mut self.next_observations] {
             let values = observations.as_mut_slice();
             row.clear();
-            row.extend(
-                mirror.observation.iter().map(|&(from, factor)| factor * values[from * batch + sample]),
-            );
+            row.extend(mirror.observation.iter().map(|&(j, factor)| factor * values[j * batch + sample]));
             for (feature, &value) in row.iter().enumerate() {
                 values[feature * batch + sample] = value;
             }
@@ -216,7 +214,10 @@ impl Replay {
     /// Remembers a transition and forgets the oldest if the memory is full.
     pub fn push(&mut self, transition: Transition) {
         if self.len == self.capacity {
-            self.forget_final_of(self.oldest);
+            // With its final observation, if it has one.
+            if self.final_slots.get(self.forgotten_finals) == Some(&(self.oldest as u32)) {
+                self.forgotten_finals += 1;
+            }
             self.oldest = self.following(self.oldest);
             self.len -= 1;
         }
@@ -237,13 +238,6 @@ impl Replay {
             self.make_room_for_a_final();
             self.final_slots.push(slot as u32);
             self.final_observations.extend(transition.next_observation);
-        }
-    }
-
-    /// Forgets the final observation of a transition if it has one.
-    fn forget_final_of(&mut self, slot: usize) {
-        if self.final_slots.get(self.forgotten_finals) == Some(&(slot as u32)) {
-            self.forgotten_finals += 1;
         }
     }
 
