@@ -52,9 +52,7 @@ pub(crate) fn meanings(word: &str, value: &Value) -> Vec<Vec<String>> {
     // A word behind the name of a group means what it means alone.
     let name = normalised(last(word));
     let mut found: Vec<Vec<String>> = match ALIASES.iter().find(|(alias, _)| *alias == name) {
-        Some((_, meanings)) => {
-            meanings.iter().map(|all| all.split(' ').map(String::from).collect()).collect()
-        }
+        Some((_, all)) => all.iter().map(|one| one.split(' ').map(String::from).collect()).collect(),
         None => KEYS.iter().filter(|key| last(key.path) == name).map(own).collect(),
     };
     let value = whole(value.clone());

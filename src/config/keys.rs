@@ -104,10 +104,13 @@ pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
     "no network is its own mirror image any more; remove the key, and set `replay.mirror` to true to learn from mirror images",
 )];
 
+/// The members of an alternative, with their defaults.
+pub(super) type Shape = Map<String, Value>;
+
 /// The groups that hold one of several alternatives, each alternative with its defaults. The first alternative of a group
 /// is the group's default. An alternative without keys is null. Alternatives of the same name (their string) differ by
 /// their keys.
-pub(super) fn alternatives() -> [(&'static str, Vec<Map<String, Value>>); 4] {
+pub(super) fn alternatives() -> [(&'static str, Vec<Shape>); 4] {
     let default = Config::default();
     let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995, repeat: 1 };
     let targets = [

@@ -9,7 +9,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
 use super::aliases::{hint, keys_in};
-use super::keys::{Allowed, ENVIRONMENT, KEYS, REMOVED, alternatives, member_of, pointer, whole};
+use super::keys::{Allowed, ENVIRONMENT, KEYS, REMOVED, Shape, alternatives, member_of, pointer, whole};
 use super::{AGENTS, Config, ConfigError};
 use crate::env::Spec;
 use crate::text::excerpt;
@@ -74,14 +74,13 @@ impl Layer {
             None => Ok(()),
             Some(key) => {
                 let has_it = |agent: &&&str| belongs(key, &json!(Config::with_agent(agent)));
-                let others: Vec<_> =
-                    AGENTS.iter().filter(has_it).map(|agent| format!("\"{agent}\"")).collect();
+                let others: Vec<_> = AGENTS.iter().filter(has_it).map(|name| format!("\"{name}\"")).collect();
                 let hint = format!(
                     "it belongs to the agent {}, and `agent` is {} here; a config is for one agent",
                     others.join(" or "),
                     root["agent"]
                 );
-                Err(key_error(&self.origin, "misplaced key", key, hint))
+                Err(misplaced(&self.origin, key, hint))
             }
         }
     }
@@ -127,17 +126,13 @@ impl Layer {
 /// Merges one group. The last layer that names an alternative, sets the group to null, or sets a key that only one
 /// alternative has, decides. Keys that both alternatives have are kept from lower layers. The other keys of lower layers
 /// are dropped.
-pub(super) fn choose(
-    group: &str,
-    alternatives: &[Map<String, Value>],
-    layers: &[Layer],
-) -> Result<Value, ConfigError> {
+pub(super) fn choose(group: &str, alternatives: &[Shape], layers: &[Layer]) -> Result<Value, ConfigError> {
     let mut chosen = &alternatives[0];
     let mut values = Map::new();
     for Layer { origin, values: layer } in layers {
         let own = members_of(group, layer);
         let is_null = layer.contains_key(group);
-        let same_name = |alternative: &&Map<String, Value>| {
+        let same_name = |alternative: &&Shape| {
             let mut names = alternative.iter().filter(|(_, value)| value.is_string());
             names.all(|(key, name)| own.get(key).or(chosen.get(key)) == Some(name))
                 && (alternative.is_empty() || !is_null)
@@ -168,7 +163,7 @@ pub(super) fn members_of(group: &str, layer: &BTreeMap<String, Value>) -> Map<St
 }
 
 /// Writes the keys of an alternative and its name, for messages: `{"kind": "hard", "every_steps"}`.
-fn shape(alternative: &Map<String, Value>) -> String {
+fn shape(alternative: &Shape) -> String {
     if alternative.is_empty() {
         return "null".into();
     }

@@ -176,8 +176,7 @@ impl Config {
         let mut layers: Vec<_> = file.into_iter().collect();
         let options = [("--set", sets), ("--vary", varied)];
         let given = options.into_iter().filter(|(_, sets)| !sets.is_empty());
-        let given =
-            given.map(|(option, sets)| Layer::from_sets(option, sets)).collect::<Result<Vec<_>, _>>()?;
+        let given = given.map(|(name, sets)| Layer::from_sets(name, sets)).collect::<Result<Vec<_>, _>>()?;
         layers.extend(given.into_iter().reduce(|below, above| Layer {
             origin: format!("{} and {}", below.origin, above.origin),
             values: below.values.into_iter().chain(above.values).collect(),
