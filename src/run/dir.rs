@@ -326,9 +326,7 @@ impl RunDir {
     /// Records why the run cannot be trained any further, or that it can.
     pub(crate) fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
         match self.read_about() {
-            Some(about) if about.failed != failed => {
-                self.write_json(&self.about(), &About { failed, ..about })
-            }
+            Some(old) if old.failed != failed => self.write_json(&self.about(), &About { failed, ..old }),
             _ => Ok(()),
         }
     }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::checkpoint::MAX_FILE_SIZE;
 use super::{Checkpoint, RunDir};
 use crate::config::Config;
 use crate::files::read_limited;
@@ -52,9 +53,6 @@ fn named(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("cannot write {}: {error}", path.display()))
 }
 
-/// Largest file of which the summary has the SHA-256, in bytes.
-const MAX_HASHED: u64 = 1 << 32;
-
 /// `summary.json`: the summary of a run, and what it takes to repeat the run.
 #[derive(Serialize)]
 pub(crate) struct RunRecord {
@@ -79,7 +77,8 @@ impl RunRecord {
     pub(crate) const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
 
     pub fn new(run: &RunDir, trainer: &Trainer, reason: EndReason, wall_seconds: f64) -> Self {
-        let file_sha256 = |path: PathBuf| read_limited(&path, MAX_HASHED).ok().map(|bytes| sha256([bytes]));
+        let file_sha256 =
+            |path: PathBuf| read_limited(&path, MAX_FILE_SIZE).ok().map(|bytes| sha256([bytes]));
         Self {
             summary: trainer.summary(reason, wall_seconds),
             mean_return_100: trainer.progress().mean_return_100(),
