@@ -196,8 +196,7 @@ impl Trainer {
         let played = evaluate(&policy, &*self.make, self.spec.max_steps, EVALUATION_SEED, episodes, gamma)?;
         let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());
         let is_better = self.progress.best_evaluation.is_none_or(|best| score.mean > best.mean);
-        let mean_length =
-            played.iter().map(|episode| episode.steps as f64).sum::<f64>() / played.len() as f64;
+        let mean_length = played.iter().map(|one| one.steps as f64).sum::<f64>() / played.len() as f64;
         let solved = self.spec.is_solved_by(score.mean);
         if solved && self.ends_with(&policy)? {
             self.progress.lasting_at_step = Some(self.progress.env_steps);
@@ -224,28 +223,22 @@ impl Trainer {
     /// lasts. A last evaluation at a step at which a longer run would have none does not count.
     fn ends_with(&self, policy: &Policy) -> Result<bool, EnvironmentError> {
         let Progress { env_steps, last_evaluation, .. } = self.progress;
+        let is_due = env_steps.is_multiple_of(self.config.evaluation.every_steps);
+        let was_solved = last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean));
         match self.config.stop_when_lasting_steps {
-            Some(steps)
-                if env_steps.is_multiple_of(self.config.evaluation.every_steps)
-                    && last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean)) =>
-            {
-                lasts(policy, &*self.make, steps)
-            }
+            Some(steps) if is_due && was_solved => lasts(policy, &*self.make, steps),
             _ => Ok(false),
         }
     }
 
     /// Offers the best policy to the observer, unless the observer has it.
     pub fn save_best(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
-        if self.best_is_saved {
-            return Ok(());
-        }
-        let best = self.best_policy.iter().zip(self.progress.best_evaluation).next();
-        if let Some((policy, evaluation)) = best {
+        if !self.best_is_saved
+            && let (Some(policy), Some(evaluation)) = (&self.best_policy, self.progress.best_evaluation)
+        {
             let snapshot = || {
-                let mut tensors = Tensors::default();
+                let (env_steps, mut tensors) = (evaluation.env_steps, Tensors::default());
                 policy.save("", &mut tensors);
-                let Evaluation { env_steps, .. } = evaluation;
                 Snapshot { env_steps, evaluation: Some(evaluation), progress: None, tensors }
             };
             let checkpoint = DueCheckpoint { kind: CheckpointKind::Best, snapshot: &snapshot };
