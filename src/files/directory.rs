@@ -109,13 +109,13 @@ impl Directory {
     /// When that fails.
     pub fn remove_file(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
-        system::remove_file(&parent.handle, path)
+        system::remove(&parent.handle, path, false)
     }
 
     /// Removes an empty directory.
     pub(crate) fn remove_dir(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
-        system::remove_dir(&parent.handle, path)
+        system::remove(&parent.handle, path, true)
     }
 
     /// Makes the names in the directory of a file last.
@@ -209,12 +209,9 @@ mod system {
         Ok(fs::linkat(directory, name(from), directory, name(to), AtFlags::empty())?)
     }
 
-    pub fn remove_file(directory: &Handle, path: &Path) -> io::Result<()> {
-        Ok(fs::unlinkat(directory, name(path), AtFlags::empty())?)
-    }
-
-    pub(crate) fn remove_dir(directory: &Handle, path: &Path) -> io::Result<()> {
-        Ok(fs::unlinkat(directory, name(path), AtFlags::REMOVEDIR)?)
+    pub(crate) fn remove(directory: &Handle, path: &Path, is_directory: bool) -> io::Result<()> {
+        let flags = if is_directory { AtFlags::REMOVEDIR } else { AtFlags::empty() };
+        Ok(fs::unlinkat(directory, name(path), flags)?)
     }
 
     pub(crate) fn sync(directory: &Handle) -> io::Result<()> {
@@ -278,12 +275,8 @@ mod system {
         fs::hard_link(from, to)
     }
 
-    pub fn remove_file(_: &Handle, path: &Path) -> io::Result<()> {
-        fs::remove_file(path)
-    }
-
-    pub(crate) fn remove_dir(_: &Handle, path: &Path) -> io::Result<()> {
-        fs::remove_dir(path)
+    pub(crate) fn remove(_: &Handle, path: &Path, is_directory: bool) -> io::Result<()> {
+        if is_directory { fs::remove_dir(path) } else { fs::remove_file(path) }
     }
 
     /// Windows opens no directories.
