@@ -65,9 +65,7 @@ impl Process {
             PROTOCOL => hello.spec(),
             other => Err(format!("`protocol` is {other}, and this program speaks version {PROTOCOL} alone")),
         });
-        spec.map_err(|problem| {
-            self.nonsense(&request, &line, &format!("that is no JSON of a task: {problem}"))
-        })
+        spec.map_err(|error| self.nonsense(&request, &line, &format!("that is no JSON of a task: {error}")))
     }
 
     /// Starts an episode. The first time that is done twice, and must be the same.

@@ -125,22 +125,17 @@ impl Process {
 
     /// Takes the line that has been read. There must be nothing behind it.
     fn line(&mut self, request: &str) -> Answer<String> {
-        let bytes = std::mem::take(&mut self.buffer);
-        let text = match String::from_utf8(bytes) {
-            Ok(text) => text,
-            Err(bytes) => {
-                let text = shortened(&String::from_utf8_lossy(bytes.as_bytes()));
-                return Err(self.error(&format!("it answered `{request}` with `{text}`, which is not UTF-8")));
+        let problem = match String::from_utf8(std::mem::take(&mut self.buffer)) {
+            Ok(text) => match text.split_once('\n') {
+                Some((line, "")) => return Ok(line.trim_end_matches('\r').to_owned()),
+                _ => format!("more than one line: `{}`; {STDOUT}", shortened(&text)),
+            },
+            Err(error) => {
+                let text = String::from_utf8_lossy(error.as_bytes());
+                format!("`{}`, which is not UTF-8", shortened(&text))
             }
         };
-        match text.split_once('\n') {
-            Some((line, "")) => Ok(line.trim_end_matches('\r').to_owned()),
-            _ => {
-                let text = shortened(&text);
-                Err(self
-                    .error(&format!("it answered `{request}` with more than one line: `{text}`; {STDOUT}")))
-            }
-        }
+        Err(self.error(&format!("it answered `{request}` with {problem}")))
     }
 
     /// Waits until there is something to read, or the end of the pipe.
