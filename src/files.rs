@@ -220,9 +220,6 @@ fn not_ordinary() -> io::Error {
 }
 
 /// Reads an ordinary file of at most `max_bytes`. A file that is larger is refused before anything of it is read.
-///
-/// # Errors
-/// When it is larger, or not an ordinary file, or cannot be read, or the memory does not suffice.
 pub(crate) fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     let file = open_ordinary(path)?;
     let size = file.metadata()?.len();
@@ -257,8 +254,7 @@ pub(crate) fn is_unfinished(name: &OsStr) -> bool {
     name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX))
 }
 
-/// Makes a directory and those above it; returns those that it made, the innermost first. On an error it removes them
-/// again.
+/// Makes a directory and those above it; returns those that it made, the innermost first. On an error it removes them again.
 pub(crate) fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
     let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
     let mut missing: Vec<PathBuf> = path.ancestors().take_while(is_missing).map(Path::to_owned).collect();

@@ -340,8 +340,7 @@ impl Tensor {
     }
 }
 
-/// SHA-256 over a network's parameters as little-endian f32 in the order `0.weight` [out, in], `0.bias`,
-/// `2.weight`, ….
+/// SHA-256 over a network's parameters as little-endian f32 in the order `0.weight` [out, in], `0.bias`, `2.weight`, ….
 pub fn weights_sha256(network: &Mlp<f32>) -> String {
     sha256((0..network.num_layers()).flat_map(|layer| {
         let (weight, bias) = torch_layer(network, layer);

@@ -21,8 +21,7 @@ pub enum Exploration {
         #[serde(default = "once")]
         repeat: u32,
     },
-    /// From `initial` to `final` in a straight line over `steps` environment steps, then `final` (Mnih et al.
-    /// 2015).
+    /// From `initial` to `final` in a straight line over `steps` environment steps, then `final` (Mnih et al. 2015).
     Linear {
         initial: f64,
         #[serde(rename = "final")]
@@ -128,9 +127,6 @@ impl EpsilonGreedy {
     }
 
     /// The inverse of [`Self::save`].
-    ///
-    /// # Errors
-    /// When a tensor is missing or cannot be of such exploration.
     pub fn load(&mut self, tensors: &Tensors, num_actions: usize) -> Result<(), TensorError> {
         self.epsilon = tensors.get_one("epsilon")?;
         self.rng = tensors.get_rng("explore_rng")?;

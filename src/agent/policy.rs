@@ -16,9 +16,6 @@ pub enum Policy {
 
 impl Policy {
     /// The policy in the tensors without a prefix, whoever wrote them, for a task with these sizes.
-    ///
-    /// # Errors
-    /// When there is none, it has another shape, or a number in it is not finite.
     pub fn from_tensors(tensors: &Tensors, inputs: usize, outputs: usize) -> Result<Self, TensorError> {
         if QTable::is_in(tensors) {
             QTable::from_tensors(tensors, inputs, outputs).map(Self::Table)
@@ -36,9 +33,6 @@ impl Policy {
     }
 
     /// Replaces the policy by the one of the same shape that [`Self::save`] has added with a prefix.
-    ///
-    /// # Errors
-    /// When a tensor is missing or of another type or shape.
     pub fn load(&mut self, prefix: &str, tensors: &Tensors) -> Result<(), TensorError> {
         match self {
             Self::Network(network) => tensors.get_network(prefix, network),

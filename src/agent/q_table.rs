@@ -123,9 +123,6 @@ impl QTable {
     }
 
     /// Replaces values and visits by those of a table with the same cells that [`Self::save`] has added.
-    ///
-    /// # Errors
-    /// When a tensor is missing or of another type or shape, or holds other edges or a number that is not finite.
     pub fn load(&mut self, prefix: &str, tensors: &Tensors) -> Result<(), TensorError> {
         for (k, edges) in self.edges.iter().enumerate() {
             if tensors.get::<f32>(&format!("{prefix}{EDGES}{k}"), &[edges.len()])? != *edges {
@@ -144,9 +141,6 @@ impl QTable {
 
     /// The table in the tensors without a prefix, whoever wrote them, for a task with these sizes. Without visits it counts
     /// as never updated.
-    ///
-    /// # Errors
-    /// When it has another shape, its edges do not ascend, or a number in it is not finite.
     pub fn from_tensors(tensors: &Tensors, inputs: usize, outputs: usize) -> Result<Self, TensorError> {
         let shape = tensors.shape(VALUES)?.to_vec();
         let Some((&num_actions, bins)) = shape.split_last().filter(|_| !shape.contains(&0)) else {

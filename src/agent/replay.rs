@@ -259,8 +259,7 @@ impl Replay {
         }
     }
 
-    /// Draws distinct transitions uniformly, as ages from 0, the oldest, one for each of `ages`; there must be
-    /// enough.
+    /// Draws distinct transitions uniformly, as ages from 0, the oldest, one for each of `ages`; there must be enough.
     pub fn sample(&mut self, rng: &mut Rng, ages: &mut [usize]) {
         debug_assert!(ages.len() <= self.len);
         for age in &mut *ages {

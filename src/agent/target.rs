@@ -8,8 +8,7 @@ use serde::{Deserialize, Serialize};
 pub enum TargetUpdate {
     /// `{"kind": "hard", "every_steps": N}`: copied now and then.
     Hard(Period),
-    /// `{"kind": "soft", "tau": τ}`: after every learning step θ⁻ ← θ⁻ + τ (θ − θ⁻), 0 < τ ≤ 1 (Lillicrap et al.
-    /// 2016).
+    /// `{"kind": "soft", "tau": τ}`: after every learning step θ⁻ ← θ⁻ + τ (θ − θ⁻), 0 < τ ≤ 1 (Lillicrap et al. 2016).
     Soft {
         /// τ
         tau: f64,

@@ -1,9 +1,8 @@
 //! A network's passes in f64 together with how far another program's rounding may move each number.
 //!
-//! Rounding errors are taken as independent with mean 0: their variances add up, weighted by the square of what
-//! multiplies them. A sum of n products in any order has the variance n u² (Σ (wᵢ xᵢ)² + (Σ wᵢ xᵢ)²), where u is the
-//! unit of rounding. This is more than blocked sums have. Two numbers agree if they lie within [`SAFETY`] standard
-//! deviations.
+//! Rounding errors are taken as independent with mean 0: their variances add up, weighted by the square of what multiplies
+//! them. A sum of n products in any order has the variance n u² (Σ (wᵢ xᵢ)² + (Σ wᵢ xᵢ)²), where u is the unit of rounding.
+//! This is more than blocked sums have. Two numbers agree if they lie within [`SAFETY`] standard deviations.
 
 use std::ops::AddAssign;
 

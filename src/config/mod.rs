@@ -206,9 +206,6 @@ impl Config {
 
     /// Asks a program that is the environment what its task is, and checks the config against the answer. The config keeps the
     /// answer. An environment of this crate needs no question.
-    ///
-    /// # Errors
-    /// When the program must not or cannot be started, says nothing that can be used, or its task does not fit the config.
     pub(crate) fn ask_task(&mut self) -> Result<(), ConfigError> {
         self.environment.ask()?;
         self.check(&excerpt(&self.environment.command().unwrap_or_default(), 200))

@@ -45,8 +45,7 @@ static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
 /// The physics without a time limit. Action 0 pushes the cart to the left, 1 to the right.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CartPole {
-    /// Position x in m, velocity in m/s, pole angle θ in rad (0 upright, positive to the right), angular
-    /// velocity in rad/s.
+    /// Position x in m, velocity in m/s, pole angle θ in rad (0 upright, positive to the right), angular velocity in rad/s.
     state: [f64; 4],
 }
 

@@ -45,9 +45,6 @@ impl EnvironmentId {
     }
 
     /// The environment, whose episodes are truncated after `max_steps` steps.
-    ///
-    /// # Errors
-    /// When it cannot be made.
     pub fn make(self, max_steps: u32) -> Result<Box<dyn Environment>, EnvironmentError> {
         match self {
             Self::CartPoleV1 => Ok(Box::new(TimeLimit::new(CartPole::default(), max_steps))),

@@ -17,9 +17,6 @@ pub struct Directory {
 
 impl Directory {
     /// Opens a directory.
-    ///
-    /// # Errors
-    /// When it cannot be opened or is none.
     pub fn open(path: &Path) -> io::Result<Self> {
         let name = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         Ok(Self { path: path.into(), handle: system::open(name)? })
@@ -59,10 +56,7 @@ impl Directory {
         if system::is_link(&parent.handle, path) { Err(is_a_link(path)) } else { Ok(()) }
     }
 
-    /// Makes a directory; false if it was there.
-    ///
-    /// # Errors
-    /// When it cannot be made, also because something else has its name.
+    /// Makes a directory; false if it was there. Fails where something else has its name.
     pub(crate) fn create_dir(&self, path: &Path) -> io::Result<bool> {
         let parent = self.parent_of(path)?;
         match system::create_dir(&parent.handle, path) {
@@ -82,10 +76,7 @@ impl Directory {
         if file.metadata()?.is_file() { Ok(file) } else { Err(super::not_ordinary()) }
     }
 
-    /// Makes a file.
-    ///
-    /// # Errors
-    /// When it cannot be made, also because something has its name.
+    /// Makes a file. Fails where something has its name.
     pub fn create_file(&self, path: &Path) -> io::Result<File> {
         let parent = self.parent_of(path)?;
         system::create_file(&parent.handle, path).map_err(|error| parent.explained(path, error))
@@ -104,9 +95,6 @@ impl Directory {
     }
 
     /// Removes a file; of a link the link.
-    ///
-    /// # Errors
-    /// When that fails.
     pub fn remove_file(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
         system::remove(&parent.handle, path, false)

@@ -62,8 +62,7 @@ pub(crate) fn norm(values: &[f32]) -> f64 {
     values.iter().map(|&value| f64::from(value) * f64::from(value)).sum::<f64>().sqrt()
 }
 
-/// Limits the norm of the gradient (Pascanu, Mikolov and Bengio 2013, algorithm 1) as PyTorch's `clip_grad_norm_`
-/// does:
+/// Limits the norm of the gradient (Pascanu, Mikolov and Bengio 2013, algorithm 1) as PyTorch's `clip_grad_norm_` does:
 ///
 /// ```text
 /// g ← g · min(1, max_norm / (‖g‖ + 1e-6))

@@ -1,5 +1,4 @@
-//! Checkpoints: `.safetensors` files that PyTorch and NumPy users load as they are. docs/checkpoint.md describes
-//! the layout.
+//! Checkpoints: `.safetensors` files that PyTorch and NumPy users load as they are. docs/checkpoint.md describes the layout.
 
 use std::collections::HashMap;
 use std::io::{self, Read};

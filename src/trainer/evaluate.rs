@@ -324,8 +324,7 @@ impl Score {
         }
     }
 
-    /// Half the width of the 95 % interval of the mean over episodes, 1.96 standard errors; `None` for one
-    /// episode.
+    /// Half the width of the 95 % interval of the mean over episodes, 1.96 standard errors; `None` for one episode.
     pub fn interval(&self) -> Option<f64> {
         let count = self.episodes as f64;
         (self.episodes > 1).then(|| 1.96 * self.std * (count / (count - 1.0)).sqrt() / count.sqrt())

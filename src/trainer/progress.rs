@@ -32,8 +32,7 @@ pub struct Progress {
     /// Environment steps before the first evaluation whose policy lasts, where the run looks for one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) lasting_at_step: Option<u64>,
-    /// Environment steps after which a resumed run was given other schedules, the latest time: no single config repeats
-    /// it.
+    /// Environment steps after which a resumed run was given other schedules, the latest time: no single config repeats it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) branched_at_step: Option<u64>,
     /// Events of the run so far, the lines of its `metrics.jsonl`.

@@ -42,9 +42,6 @@ impl Programs {
     }
 
     /// An environment with a process of its own, as long as the environment lives.
-    ///
-    /// # Errors
-    /// When it cannot be started, or says nothing of its task that can be used.
     pub fn make(self: &Arc<Self>) -> Answer<Program> {
         let (process, spec) = self.take()?;
         Ok(Program { programs: Arc::clone(self), spec, process: Some(process) })
