@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::QTable;
 use crate::nn::{Activations, Mlp};
+use crate::rng::Rng;
 use crate::tensors::{TensorError, Tensors, weights_sha256};
 
 /// What an agent has learned. The set is closed, so that every place that plays or saves a policy knows all kinds.
@@ -155,5 +156,29 @@ impl Actor for Greedy {
 
     fn q_values(&self) -> Vec<f32> {
         (0..self.q().ncols()).map(|action| self.q_value(0, action) as f32).collect()
+    }
+}
+
+/// The baseline: every action with the same probability.
+#[derive(Clone, Debug)]
+pub(crate) struct Random {
+    num_actions: usize,
+    rng: Rng,
+}
+
+impl Random {
+    /// Uniform over `num_actions` actions.
+    pub fn new(num_actions: usize, rng: Rng) -> Self {
+        Self { num_actions, rng }
+    }
+}
+
+impl Actor for Random {
+    fn act(&mut self, _observation: &[f32]) -> usize {
+        self.rng.below(self.num_actions as u64) as usize
+    }
+
+    fn q_values(&self) -> Vec<f32> {
+        Vec::new()
     }
 }
