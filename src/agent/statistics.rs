@@ -39,9 +39,9 @@ pub struct Statistic {
     pub(crate) is_logarithmic: bool,
 }
 
-type Text = &'static str;
+type Label = &'static str;
 
-const fn statistic(name: Text, label: Text, title: Text, meaning: Text) -> Statistic {
+const fn statistic(name: Label, label: Label, title: Label, meaning: Label) -> Statistic {
     Statistic { name, label, title, meaning, is_logarithmic: false }
 }
 

@@ -27,28 +27,28 @@ impl Stage {
     }
 }
 
-type Text = &'static str;
+type Note = &'static str;
 
 /// A mistake that people make.
 #[derive(Debug, Serialize)]
 pub struct Mistake {
     /// Its name for programs.
-    pub id: Text,
+    pub id: Note,
     /// The first quantity that it changes.
     #[serde(skip)]
     pub stage: Stage,
     /// What they compute, and what is right.
-    pub(crate) what: Text,
-    pub(crate) why: Text,
+    pub(crate) what: Note,
+    pub(crate) why: Note,
     /// How to mend it in PyTorch, Keras or JAX.
-    pub(crate) mend: Text,
+    pub(crate) mend: Note,
     /// Makes it; leaves a variant alone that cannot have it.
     #[serde(skip)]
     pub(crate) make: fn(&mut Variant),
 }
 
 impl Mistake {
-    const fn new(stage: Stage, id: Text, make: fn(&mut Variant), what: Text, why: Text, mend: Text) -> Self {
+    const fn new(stage: Stage, id: Note, make: fn(&mut Variant), what: Note, why: Note, mend: Note) -> Self {
         Self { id, stage, what, why, mend, make }
     }
 

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::keys::{KEYS, Key, whole};
+use super::keys::{KEYS, Key, find, whole};
 
 /// Longest word that is compared with others.
 const MAX_LENGTH: usize = 64;
@@ -57,7 +57,7 @@ pub(crate) fn meanings(word: &str, value: &Value) -> Vec<Vec<String>> {
     };
     let value = whole(value.clone());
     let admits = |setting: &String| {
-        let key = setting.strip_suffix("={}").and_then(|path| KEYS.iter().find(|key| key.path == path));
+        let key = setting.strip_suffix("={}").and_then(find);
         key.is_none_or(|key| key.allowed.admits(&value))
     };
     if found.iter().any(|settings| settings.iter().all(admits)) {

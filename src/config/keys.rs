@@ -96,6 +96,10 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("stop_when_lasting_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "the run ends when two evaluations in a row solve the task and the policy of the second survives this many steps from each of 100 starts (docs/dqn.md); `null`: no policy ends the run"),
 ];
 
+pub(super) fn find(path: &str) -> Option<&'static Key> {
+    KEYS.iter().find(|key| key.path == path)
+}
+
 /// A key that earlier versions had: the one value with which a config that they recorded still means the same, and what to do
 /// about any other value.
 pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
@@ -105,12 +109,12 @@ pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
 )];
 
 /// The members of an alternative, with their defaults.
-pub(super) type Shape = Map<String, Value>;
+pub(super) type Choice = Map<String, Value>;
 
 /// The groups that hold one of several alternatives, each alternative with its defaults. The first alternative of a group
 /// is the group's default. An alternative without keys is null. Alternatives of the same name (their string) differ by
 /// their keys.
-pub(super) fn alternatives() -> [(&'static str, Vec<Shape>); 4] {
+pub(super) fn alternatives() -> [(&'static str, Vec<Choice>); 4] {
     let default = Config::default();
     let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995, repeat: 1 };
     let targets = [
