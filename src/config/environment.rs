@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::ConfigError;
-use super::keys::ENVIRONMENT as KEY;
+use super::keys::{ENVIRONMENT as KEY, object};
 use super::layer::{Layer, members_of, misplaced};
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
@@ -125,10 +125,6 @@ impl EnvironmentConfig {
 }
 
 impl ProgramConfig {
-    fn new(command: Vec<String>) -> Self {
-        Self { command, processes: 1, timeout_seconds: 60, task: None, permission: Permission::default() }
-    }
-
     /// The beginning of the command, for messages.
     fn name(&self) -> String {
         excerpt(&shell_line(&self.command), 200)
@@ -142,9 +138,7 @@ impl ProgramConfig {
 
 /// The members of a program that have defaults.
 pub(super) fn program_defaults() -> Map<String, Value> {
-    let mut members = super::keys::object(ProgramConfig::new(Vec::new()));
-    members.shift_remove("command");
-    members
+    object(json!({"processes": 1, "timeout_seconds": 60}))
 }
 
 /// Merges the environment. A layer with a name or with a command begins afresh; the other keys of a program change one that
