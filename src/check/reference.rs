@@ -256,12 +256,11 @@ impl<'a> Reference<'a> {
         let largest = largest.reduce(|best, place| if q.value[place] > q.value[best] { place } else { best });
         let (mut values, mut places, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
         for sample in 0..batch.rewards.len() {
+            let best = |q: &Matrix| vec![(sample, argmax(&q.value, sample))];
             let (chosen, chooser) = match variant.bootstrap {
-                NextValue::Max | NextValue::Index => (vec![(sample, argmax(&q.value, sample))], None),
-                NextValue::Double => (vec![(sample, argmax(&q_online.value, sample))], Some(q_online)),
-                NextValue::DoubleExchanged => {
-                    (vec![(sample, argmax(&q_target.value, sample))], Some(q_target))
-                }
+                NextValue::Max | NextValue::Index => (best(q), None),
+                NextValue::Double => (best(q_online), Some(q_online)),
+                NextValue::DoubleExchanged => (best(q_target), Some(q_target)),
                 NextValue::Taken => (vec![(sample, batch.actions[sample])], None),
                 NextValue::Mean => ((0..q.value.ncols()).map(|action| (sample, action)).collect(), None),
                 NextValue::Min => (vec![(sample, argmin(q, sample))], None),

@@ -435,8 +435,7 @@ impl Search<'_> {
 
     /// The hypotheses with the fewest changes that give their numbers.
     fn explain(&self, hypotheses: &[Hypothesis], stage: Stage) -> Vec<Hypothesis> {
-        let without: Vec<_> =
-            hypotheses.iter().flat_map(|hypothesis| self.without_one(hypothesis, stage)).collect();
+        let without: Vec<_> = hypotheses.iter().flat_map(|one| self.without_one(one, stage)).collect();
         let with_one = |all: &[Hypothesis]| all.iter().flat_map(|base| self.with_one(base, stage)).collect();
         for candidates in [without.clone(), with_one(hypotheses), with_one(&without)] {
             let mut found = self.reproducing(candidates, stage);
