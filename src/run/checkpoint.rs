@@ -153,12 +153,7 @@ impl Checkpoint {
 
     /// Writes a file whole, below a directory and through no link. The file that was there before stays under the name
     /// `kept`.
-    pub(crate) fn write_below(
-        &self,
-        directory: &Directory,
-        path: &Path,
-        kept: Option<&Path>,
-    ) -> io::Result<()> {
+    pub(crate) fn write_in(&self, directory: &Directory, path: &Path, kept: Option<&Path>) -> io::Result<()> {
         let bytes = self.to_bytes()?;
         directory.write_whole(path, kept, |file| file.write_all(&bytes))
     }

@@ -81,8 +81,8 @@ impl RunDir {
             // Between the making of the metrics and their lock another process may have made a run, and even ended it.
             if let Ok(directory) = run.directory() {
                 if is_new && !run.config().exists() {
-                    let made = [run.metrics(), run.init(), run.about()];
-                    made.iter().for_each(|file| drop(directory.remove_file(file)));
+                    let files = [run.metrics(), run.init(), run.about()];
+                    files.iter().for_each(|file| drop(directory.remove_file(file)));
                 }
                 if made_checkpoints {
                     let _ = directory.remove_dir(&run.checkpoints());
@@ -108,19 +108,15 @@ impl RunDir {
         if entries.iter().all(|entry| self.is_of_no_run(entry)) {
             return Ok(Vec::new());
         }
-        match self.replaceable() {
-            Ok(files) if force => Ok(files),
-            Ok(_) => Err(bad(
-                path,
-                "is not empty: it holds a run; choose another --out, --force to replace that run, or resume it: train \
-                 --resume",
-            )),
-            Err(reason) if force => Err(bad(path, reason)),
-            Err(_) => Err(bad(
-                path,
-                "is not empty, and holds no run that --force could replace; choose another --out",
-            )),
-        }
+        let problem = match self.replaceable() {
+            Ok(files) if force => return Ok(files),
+            Err(reason) if force => reason,
+            Ok(_) => "is not empty: it holds a run; choose another --out, --force to replace that run, or resume it: \
+                      train --resume"
+                .into(),
+            Err(_) => "is not empty, and holds no run that --force could replace; choose another --out".into(),
+        };
+        Err(bad(path, problem))
     }
 
     /// Locks the metrics, and makes the file if it is missing; the result says whether it was made.
@@ -221,7 +217,7 @@ impl RunDir {
         metrics.cut(0)?;
         // Before the config, which makes it a run: no run may lack the weights that it starts with.
         if let Some(init) = init {
-            init.write_below(directory, &self.init(), None)?;
+            init.write_in(directory, &self.init(), None)?;
         }
         self.write_json(&self.about(), &About { config: name.into(), failed: None })?;
         self.write_json(&self.config(), config)

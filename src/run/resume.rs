@@ -61,7 +61,7 @@ pub(crate) fn start(
     let mut trainer = config.make_trainer()?;
     let init = init.map(|path| start_from(&checkpoint_of(path)?, &mut trainer)).transpose()?;
     let (dir, metrics) = RunDir::create(path, force, name, config, init.as_ref())?;
-    let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics);
+    let mut recorder = Recorder { dir: dir.clone(), config: config.clone(), metrics };
     // From now on a run without a checkpoint is one that has lost it, however early the process is killed.
     save(&mut trainer, &mut recorder)?;
     Ok(Started { dir, config: config.clone(), trainer, recorder, notes: Vec::new() })
@@ -74,7 +74,7 @@ pub(crate) fn start_again(
     init: Option<&Checkpoint>,
 ) -> Result<(RunDir, Recorder), RunError> {
     let (dir, metrics) = RunDir::create(path, false, "", config, init)?;
-    Ok((dir.clone(), Recorder::new(dir, config.clone(), metrics)))
+    Ok((dir.clone(), Recorder { dir, config: config.clone(), metrics }))
 }
 
 fn save(trainer: &mut Trainer, recorder: &mut dyn Observer) -> Result<(), RunError> {
@@ -159,7 +159,7 @@ pub fn resume(
     if config != recorded {
         dir.write_json(&dir.config(), &config).map_err(failed)?;
     }
-    let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics);
+    let mut recorder = Recorder { dir: dir.clone(), config: config.clone(), metrics };
     if branches {
         notes.push(format!(
             "from step {steps} on the run follows another schedule. It is now a branch of its own: no single config \
