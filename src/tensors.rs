@@ -275,7 +275,6 @@ pub(crate) fn foreign_format(start: &[u8]) -> Option<String> {
     const KERAS: &str = "from safetensors.numpy import save_file; save_file({f\"{2 * i}.{n}\": w.T.copy() for i, layer in \
                          enumerate(l for l in model.layers if l.get_weights()) for n, w in zip((\"weight\", \"bias\"), \
                          layer.get_weights())}, \"policy.safetensors\")";
-    let is_onnx = matches!(start, [8, _, 0x12, ..]);
     let (kind, save) = match start {
         [b'P', b'K', 3, 4, ..] => {
             ("a zip archive, as torch.save, Stable-Baselines3 and Keras write them", TORCH)
@@ -283,14 +282,11 @@ pub(crate) fn foreign_format(start: &[u8]) -> Option<String> {
         [0x80, 2..=5, ..] => ("a pickle, as Python and old versions of torch.save write them", TORCH),
         [0x89, b'H', b'D', b'F', ..] => ("an HDF5 file, as Keras writes them", KERAS),
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => ("an array of NumPy", TORCH),
-        _ if is_onnx => ("an ONNX file", TORCH),
+        [8, _, 0x12, ..] => ("an ONNX file", TORCH),
         _ => return None,
     };
-    let keras = if kind.contains("Keras") && save == TORCH {
-        ", or of a Keras model as in docs/interop.md"
-    } else {
-        ""
-    };
+    let is_zip = start.starts_with(b"PK");
+    let keras = if is_zip { ", or of a Keras model as in docs/interop.md" } else { "" };
     Some(format!("is {kind}, and no safetensors file. Save the weights as one, in Python: {save}{keras}"))
 }
 

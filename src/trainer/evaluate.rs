@@ -311,9 +311,8 @@ impl Score {
         let variance = returns.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / count;
         let mut sorted = returns.to_vec();
         sorted.sort_by(f64::total_cmp);
-        let middle = sorted.len() / 2;
-        let median =
-            if sorted.len() % 2 == 1 { sorted[middle] } else { (sorted[middle - 1] + sorted[middle]) / 2.0 };
+        let middle = (returns.len() - 1) / 2;
+        let median = (sorted[middle] + sorted[returns.len() / 2]) / 2.0;
         Self {
             episodes: returns.len() as u64,
             mean,
