@@ -178,13 +178,7 @@ impl Tensors {
 
     /// Fills a network from the tensors of [`Self::put_network`].
     pub fn get_network(&self, prefix: &str, network: &mut Mlp<f32>) -> Result<(), TensorError> {
-        for (index, sizes) in network.sizes().to_vec().windows(2).enumerate() {
-            let (inputs, outputs) = (sizes[0], sizes[1]);
-            let name = |kind| format!("{prefix}{}.{kind}", 2 * index);
-            let torch_weight = self.get::<f32>(&name("weight"), &[outputs, inputs])?;
-            set_torch_layer(network, index, &torch_weight, &self.get(&name("bias"), &[outputs])?);
-        }
-        Ok(())
+        read_network(prefix, network, |name, shape| self.get(name, shape))
     }
 
     /// The same under the names that a `torch.nn.Sequential` gives them, and in F32, where the file of another program leaves
@@ -306,14 +300,23 @@ fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
     (torch_weight.collect(), bias)
 }
 
-/// Fills a layer from its weight as [out, in] and its bias.
-pub(crate) fn set_torch_layer<T: Kernels>(network: &mut Mlp<T>, layer: usize, weight: &[T], bias: &[T]) {
-    let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
-    let (weights, biases) = network.layer_mut(layer).split_at_mut(inputs * outputs);
-    for (position, value) in weights.iter_mut().enumerate() {
-        *value = weight[position % outputs * inputs + position / outputs];
+/// Fills a network from `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, …, which `read` gives.
+pub(crate) fn read_network<T: Kernels, E>(
+    prefix: &str,
+    network: &mut Mlp<T>,
+    mut read: impl FnMut(&str, &[usize]) -> Result<Vec<T>, E>,
+) -> Result<(), E> {
+    for layer in 0..network.num_layers() {
+        let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
+        let torch_weight = read(&format!("{prefix}{}.weight", 2 * layer), &[outputs, inputs])?;
+        let torch_bias = read(&format!("{prefix}{}.bias", 2 * layer), &[outputs])?;
+        let (weight, bias) = network.layer_mut(layer).split_at_mut(inputs * outputs);
+        for (position, value) in weight.iter_mut().enumerate() {
+            *value = torch_weight[position % outputs * inputs + position / outputs];
+        }
+        bias.copy_from_slice(&torch_bias);
     }
-    biases.copy_from_slice(bias);
+    Ok(())
 }
 
 impl Tensor {

@@ -12,7 +12,7 @@ use serde_json::json;
 
 use crate::files::{read_limited, read_rest};
 use crate::nn::{Loss, Mlp};
-use crate::tensors::{check_count, foreign_format, header_of, set_torch_layer};
+use crate::tensors::{check_count, foreign_format, header_of, read_network};
 use crate::text::shown;
 
 /// Largest file that is read, in bytes.
@@ -303,15 +303,9 @@ impl Remaining<'_> {
         given.any(|(_, view)| view.dtype() == Dtype::F32) || weights.all(|(_, view)| holds_f32(view))
     }
 
-    /// A network of these sizes from `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, ….
     fn network(&mut self, prefix: &str, sizes: &[usize]) -> Result<Mlp<f64>, String> {
         let mut network = Mlp::zeros(sizes.to_vec());
-        for (index, pair) in sizes.windows(2).enumerate() {
-            let (inputs, outputs) = (pair[0], pair[1]);
-            let torch_weight = self.floats(&format!("{prefix}{}.weight", 2 * index), &[outputs, inputs])?;
-            let torch_bias = self.floats(&format!("{prefix}{}.bias", 2 * index), &[outputs])?;
-            set_torch_layer(&mut network, index, &torch_weight, &torch_bias);
-        }
+        read_network(prefix, &mut network, |name, shape| self.floats(name, shape))?;
         Ok(network)
     }
 
