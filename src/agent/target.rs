@@ -6,13 +6,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum TargetUpdate {
-    /// `{"kind": "hard", "every_steps": N}`: copied now and then.
+    /// `{"kind": "hard", "every_steps": N}`, or `every_episodes`: copied from time to time.
     Hard(Period),
     /// `{"kind": "soft", "tau": τ}`: after every learning step θ⁻ ← θ⁻ + τ (θ − θ⁻), 0 < τ ≤ 1 (Lillicrap et al. 2016).
-    Soft {
-        /// τ
-        tau: f64,
-    },
+    Soft { tau: f64 },
     /// `{"kind": "none"}`: no target network, the online network bootstraps itself.
     None,
 }

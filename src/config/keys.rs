@@ -35,7 +35,7 @@ impl Key {
     }
 }
 
-/// Every key. [`Config::check_combinations`] has the rules that concern several keys.
+/// Every key. `AgentRules` has the rules that concern several keys.
 #[rustfmt::skip]
 pub(super) const KEYS: &[Key] = &[
     Key::new("$schema", Allowed::Text, "", "ignored, for editors"),

@@ -14,7 +14,7 @@ pub(crate) const TENSORBOARD: &str = "tensorboard";
 
 pub(crate) const BEST: &str = "best.safetensors";
 pub(crate) const LAST: &str = "last.safetensors";
-/// The periodic checkpoint before it.
+/// The periodic checkpoint before the last one.
 pub(crate) const PREVIOUS: &str = "previous.safetensors";
 /// The weights that a run began with, where they were not drawn.
 pub(crate) const INIT: &str = "init.safetensors";

@@ -48,12 +48,8 @@ pub enum Event {
         #[serde(flatten)]
         numbers: NamedNumbers,
     },
-    End {
-        env_steps: u64,
-        episodes: u64,
-        updates: u64,
-        reason: EndReason,
-    },
+    /// The run ended.
+    End { env_steps: u64, episodes: u64, updates: u64, reason: EndReason },
 }
 
 impl Event {
