@@ -8,7 +8,6 @@ use crate::nn::Mlp;
 use crate::tensors::Tensors;
 use crate::trainer::{Event, TrainError};
 
-/// An update of a run.
 #[derive(Clone, Debug)]
 pub struct ExplainedUpdate {
     pub seed: u64,

@@ -220,23 +220,27 @@ fn not_ordinary() -> io::Error {
 }
 
 /// Reads an ordinary file of at most `max_bytes`. A file that is larger is refused before anything of it is read.
-///
-/// # Errors
-/// When it is larger, or not an ordinary file, or cannot be read, or the memory does not suffice.
 pub(crate) fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     let file = open_ordinary(path)?;
     let size = file.metadata()?.len();
-    let too_large = || {
-        let message = format!("larger than {max_bytes} bytes");
-        io::Error::new(io::ErrorKind::FileTooLarge, message)
-    };
-    if size > max_bytes {
-        return Err(too_large());
-    }
+    check_size(size, max_bytes)?;
     let mut bytes = Vec::new();
-    bytes.try_reserve_exact(usize::try_from(size).map_err(|_| too_large())?)?;
-    file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > max_bytes { Err(too_large()) } else { Ok(bytes) }
+    bytes.try_reserve_exact(usize::try_from(size).unwrap_or(usize::MAX))?;
+    read_rest(file, &mut bytes, max_bytes)?;
+    Ok(bytes)
+}
+
+/// Appends what a stream still has to `bytes`, which must not become more than `max_bytes`.
+pub(crate) fn read_rest(stream: impl Read, bytes: &mut Vec<u8>, max_bytes: u64) -> io::Result<()> {
+    let room = max_bytes.saturating_sub(bytes.len() as u64);
+    stream.take(room.saturating_add(1)).read_to_end(bytes)?;
+    check_size(bytes.len() as u64, max_bytes)
+}
+
+/// Fails where a file of this size is too large.
+pub(crate) fn check_size(size: u64, max_bytes: u64) -> io::Result<()> {
+    let message = || format!("larger than {max_bytes} bytes");
+    if size > max_bytes { Err(io::Error::new(io::ErrorKind::FileTooLarge, message())) } else { Ok(()) }
 }
 
 /// As [`read_limited`], as text.
@@ -250,8 +254,7 @@ pub(crate) fn is_unfinished(name: &OsStr) -> bool {
     name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX))
 }
 
-/// Makes a directory and those above it; returns those that it made, the innermost first. On an error it removes them
-/// again.
+/// Makes a directory and those above it; returns those that it made, the innermost first. On an error it removes them again.
 pub(crate) fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
     let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
     let mut missing: Vec<PathBuf> = path.ancestors().take_while(is_missing).map(Path::to_owned).collect();

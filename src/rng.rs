@@ -37,9 +37,8 @@ impl Rng {
 
     /// The inverse of [`Self::to_words`]. None for an even increment, with which the period would be shorter, down to 1: a
     /// draw that is repeated until it fits would hang.
-    pub(crate) fn from_words(
-        [state_low, state_high, increment_low, increment_high]: [u64; 4],
-    ) -> Option<Self> {
+    pub(crate) fn from_words(words: [u64; 4]) -> Option<Self> {
+        let [state_low, state_high, increment_low, increment_high] = words;
         let (state, increment) = (join(state_high, state_low), join(increment_high, increment_low));
         (!increment.is_multiple_of(2)).then_some(Self { state, increment })
     }

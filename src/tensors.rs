@@ -122,9 +122,8 @@ impl Tensors {
     pub(crate) fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
         let file = SafeTensors::deserialize(bytes)?;
         let tensors = file.iter().map(|(name, view)| {
-            let tensor =
-                Tensor { dtype: view.dtype(), shape: view.shape().to_vec(), bytes: view.data().to_vec() };
-            (name.to_owned(), tensor)
+            let (dtype, shape) = (view.dtype(), view.shape().to_vec());
+            (name.to_owned(), Tensor { dtype, shape, bytes: view.data().to_vec() })
         });
         Ok(Self(tensors.collect()))
     }
@@ -142,13 +141,11 @@ impl Tensors {
         self.0.iter().map(|(name, tensor)| (name.as_str(), tensor.dtype, tensor.shape.as_slice()))
     }
 
-    /// Adds a tensor.
     pub fn put<T: Element>(&mut self, name: &str, shape: &[usize], values: &[T]) {
         let tensor = Tensor { dtype: T::DTYPE, shape: shape.to_vec(), bytes: T::to_bytes(values) };
         self.0.insert(name.to_owned(), tensor);
     }
 
-    /// A tensor's values.
     pub fn get<T: Element>(&self, name: &str, shape: &[usize]) -> Result<Vec<T>, TensorError> {
         let tensor = self.tensor(name)?;
         if tensor.dtype != T::DTYPE || tensor.shape != shape {
@@ -157,12 +154,10 @@ impl Tensors {
         Ok(T::from_bytes(&tensor.bytes))
     }
 
-    /// The one value of a tensor.
     pub(crate) fn get_one<T: Element>(&self, name: &str) -> Result<T, TensorError> {
         self.get(name, &[1])?.into_iter().next().ok_or_else(|| TensorError::Missing(name.to_owned()))
     }
 
-    /// A tensor's shape.
     pub(crate) fn shape(&self, name: &str) -> Result<&[usize], TensorError> {
         Ok(&self.tensor(name)?.shape)
     }
@@ -183,13 +178,7 @@ impl Tensors {
 
     /// Fills a network from the tensors of [`Self::put_network`].
     pub fn get_network(&self, prefix: &str, network: &mut Mlp<f32>) -> Result<(), TensorError> {
-        for (index, sizes) in network.sizes().to_vec().windows(2).enumerate() {
-            let (inputs, outputs) = (sizes[0], sizes[1]);
-            let name = |kind| format!("{prefix}{}.{kind}", 2 * index);
-            let torch_weight = self.get::<f32>(&name("weight"), &[outputs, inputs])?;
-            set_torch_layer(network, index, &torch_weight, &self.get(&name("bias"), &[outputs])?);
-        }
-        Ok(())
+        read_network(prefix, network, |name, shape| self.get(name, shape))
     }
 
     /// The same under the names that a `torch.nn.Sequential` gives them, and in F32, where the file of another program leaves
@@ -280,7 +269,6 @@ pub(crate) fn foreign_format(start: &[u8]) -> Option<String> {
     const KERAS: &str = "from safetensors.numpy import save_file; save_file({f\"{2 * i}.{n}\": w.T.copy() for i, layer in \
                          enumerate(l for l in model.layers if l.get_weights()) for n, w in zip((\"weight\", \"bias\"), \
                          layer.get_weights())}, \"policy.safetensors\")";
-    let is_onnx = matches!(start, [8, _, 0x12, ..]);
     let (kind, save) = match start {
         [b'P', b'K', 3, 4, ..] => {
             ("a zip archive, as torch.save, Stable-Baselines3 and Keras write them", TORCH)
@@ -288,14 +276,11 @@ pub(crate) fn foreign_format(start: &[u8]) -> Option<String> {
         [0x80, 2..=5, ..] => ("a pickle, as Python and old versions of torch.save write them", TORCH),
         [0x89, b'H', b'D', b'F', ..] => ("an HDF5 file, as Keras writes them", KERAS),
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => ("an array of NumPy", TORCH),
-        _ if is_onnx => ("an ONNX file", TORCH),
+        [8, _, 0x12, ..] => ("an ONNX file", TORCH),
         _ => return None,
     };
-    let keras = if kind.contains("Keras") && save == TORCH {
-        ", or of a Keras model as in docs/interop.md"
-    } else {
-        ""
-    };
+    let is_zip = start.starts_with(b"PK");
+    let keras = if is_zip { ", or of a Keras model as in docs/interop.md" } else { "" };
     Some(format!("is {kind}, and no safetensors file. Save the weights as one, in Python: {save}{keras}"))
 }
 
@@ -311,24 +296,27 @@ pub fn sha256<T: AsRef<[u8]>>(parts: impl IntoIterator<Item = T>) -> String {
 fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
     let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
     let (weight, bias) = network.layer(layer).split_at(inputs * outputs);
-    let torch_weight =
-        (0..weight.len()).map(|position| weight[position % inputs * outputs + position / inputs]);
+    let torch_weight = (0..weight.len()).map(|i| weight[i % inputs * outputs + i / inputs]);
     (torch_weight.collect(), bias)
 }
 
-/// Fills a layer from its weight as [out, in] and its bias.
-pub(crate) fn set_torch_layer<T: Kernels>(
+/// Fills a network from `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, …, which `read` gives.
+pub(crate) fn read_network<T: Kernels, E>(
+    prefix: &str,
     network: &mut Mlp<T>,
-    layer: usize,
-    torch_weight: &[T],
-    torch_bias: &[T],
-) {
-    let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
-    let (weight, bias) = network.layer_mut(layer).split_at_mut(inputs * outputs);
-    for (position, value) in weight.iter_mut().enumerate() {
-        *value = torch_weight[position % outputs * inputs + position / outputs];
+    mut read: impl FnMut(&str, &[usize]) -> Result<Vec<T>, E>,
+) -> Result<(), E> {
+    for layer in 0..network.num_layers() {
+        let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);
+        let torch_weight = read(&format!("{prefix}{}.weight", 2 * layer), &[outputs, inputs])?;
+        let torch_bias = read(&format!("{prefix}{}.bias", 2 * layer), &[outputs])?;
+        let (weight, bias) = network.layer_mut(layer).split_at_mut(inputs * outputs);
+        for (position, value) in weight.iter_mut().enumerate() {
+            *value = torch_weight[position % outputs * inputs + position / outputs];
+        }
+        bias.copy_from_slice(&torch_bias);
     }
-    bias.copy_from_slice(torch_bias);
+    Ok(())
 }
 
 impl Tensor {
@@ -351,8 +339,7 @@ impl Tensor {
     }
 }
 
-/// SHA-256 over a network's parameters as little-endian f32 in the order `0.weight` [out, in], `0.bias`,
-/// `2.weight`, ….
+/// SHA-256 over a network's parameters as little-endian f32 in the order `0.weight` [out, in], `0.bias`, `2.weight`, ….
 pub fn weights_sha256(network: &Mlp<f32>) -> String {
     sha256((0..network.num_layers()).flat_map(|layer| {
         let (weight, bias) = torch_layer(network, layer);

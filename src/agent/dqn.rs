@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::statistics::{NetworkStatistics, TRANSITIONS};
 use super::{
-    Agent, Counters, EpsilonGreedy, Exploration, Minibatch, NamedNumbers, NotFinite, Played, Policy,
+    Agent, Counters, EpsilonGreedy, Exploration, Minibatch, NamedNumbers, NotFinite, Period, Played, Policy,
     PolicyWeights, Probes, QNetwork, Replay, ReplayConfig, ReplayContents, TargetUpdate, Transition, argmax,
     td,
 };
@@ -195,7 +195,7 @@ impl Dqn {
         let mirror = mirror.filter(|_| config.replay.mirror);
         Self {
             target: online.clone(),
-            adam: Adam::new(config.optimizer.adam(), online.mlp.parameters().len()),
+            adam: Adam::new(config.optimizer, online.mlp.parameters().len()),
             replay: Replay::new(config.replay.capacity, observation_size),
             replay_rng: Rng::spawn(seed, Stream::Replay),
             mirror: mirror.map(|mirror| mirror.of_divided(online.divisors())),
@@ -252,7 +252,7 @@ impl Agent for Dqn {
             && self.replay.len() >= self.config.replay.batch_size;
         let loss = if is_due { Some(self.learn()?) } else { None };
         self.apply_schedules(env_steps);
-        if let TargetUpdate::EverySteps(period) = self.config.target
+        if let TargetUpdate::Hard(Period::EverySteps(period)) = self.config.target
             && env_steps.is_multiple_of(period)
         {
             self.target.copy_from(&self.online);
@@ -262,7 +262,7 @@ impl Agent for Dqn {
 
     fn end_episode(&mut self, episode: u64) {
         self.exploration.after_episode();
-        if let TargetUpdate::EveryEpisodes(period) = self.config.target
+        if let TargetUpdate::Hard(Period::EveryEpisodes(period)) = self.config.target
             && episode.is_multiple_of(period)
         {
             self.target.copy_from(&self.online);

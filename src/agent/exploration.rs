@@ -12,26 +12,20 @@ use crate::tensors::{TensorError, Tensors};
 pub enum Exploration {
     /// After every episode ε × `decay`, as long as ε > `final` (the tutorial's rule).
     PerEpisode {
-        /// ε of the first episode.
         initial: f64,
         /// ε is no longer multiplied once it is at or below this.
         #[serde(rename = "final")]
         final_: f64,
-        /// Factor per episode.
         decay: f64,
         /// See [`Exploration::repeat`].
         #[serde(default = "once")]
         repeat: u32,
     },
-    /// From `initial` to `final` in a straight line over `steps` environment steps, then `final` (Mnih et al.
-    /// 2015).
+    /// From `initial` to `final` in a straight line over `steps` environment steps, then `final` (Mnih et al. 2015).
     Linear {
-        /// ε at step 0.
         initial: f64,
-        /// ε from step `steps` on.
         #[serde(rename = "final")]
         final_: f64,
-        /// Environment steps from `initial` to `final`.
         steps: u64,
         /// See [`Exploration::repeat`].
         #[serde(default = "once")]
@@ -51,7 +45,6 @@ impl Exploration {
         }
     }
 
-    /// ε at the start of a run.
     pub(crate) fn initial_epsilon(&self) -> f64 {
         match *self {
             Self::PerEpisode { initial, .. } | Self::Linear { initial, .. } => initial,
@@ -69,7 +62,6 @@ impl Exploration {
         }
     }
 
-    /// ε after an episode.
     pub(crate) fn after_episode(&self, epsilon: f64) -> f64 {
         match *self {
             Self::PerEpisode { final_, decay, .. } if epsilon > final_ => epsilon * decay,
@@ -135,9 +127,6 @@ impl EpsilonGreedy {
     }
 
     /// The inverse of [`Self::save`].
-    ///
-    /// # Errors
-    /// When a tensor is missing or cannot be of such exploration.
     pub fn load(&mut self, tensors: &Tensors, num_actions: usize) -> Result<(), TensorError> {
         self.epsilon = tensors.get_one("epsilon")?;
         self.rng = tensors.get_rng("explore_rng")?;

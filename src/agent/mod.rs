@@ -6,7 +6,6 @@ mod policy;
 mod q_learning;
 mod q_network;
 mod q_table;
-mod random;
 mod replay;
 mod statistics;
 mod target;
@@ -21,33 +20,22 @@ use crate::mirror::Mirror;
 use crate::nn::LearningRate;
 use crate::tensors::{TensorError, Tensors};
 
-pub use dqn::Dqn;
-pub use dqn::DqnConfig;
 pub(crate) use dqn::LearnConfig;
+pub use dqn::{Dqn, DqnConfig};
 pub(crate) use exploration::EpsilonGreedy;
 pub use exploration::Exploration;
-pub use policy::Actor;
-pub use policy::Greedy;
-pub use policy::Policy;
-pub use q_learning::Bins;
-pub use q_learning::QLearning;
-pub use q_learning::QTableConfig;
+pub(crate) use policy::Random;
+pub use policy::{Actor, Greedy, Policy};
 pub(crate) use q_learning::TableConfig;
+pub use q_learning::{Bins, QLearning, QTableConfig};
 pub(crate) use q_network::QNetwork;
 pub use q_table::QTable;
-pub(crate) use random::Random;
-pub use replay::Minibatch;
-pub use replay::Replay;
-pub use replay::ReplayContents;
-pub use replay::Transition;
+pub use replay::{Minibatch, Replay, ReplayContents, Transition};
 pub(crate) use replay::{ReplayConfig, UpdateMode};
-pub use statistics::NamedNumbers;
-pub use statistics::Played;
-pub use statistics::Probes;
-pub use statistics::STATISTICS;
 pub(crate) use statistics::Statistic;
+pub use statistics::{NamedNumbers, Played, Probes, STATISTICS};
 pub(crate) use target::PolicyWeights;
-pub use target::TargetUpdate;
+pub use target::{Period, TargetUpdate};
 
 /// Which agent learns, and its settings. Each is a key of the config.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,12 +60,10 @@ impl AgentConfig {
         }
     }
 
-    /// The settings of a [`Dqn`].
     pub fn as_dqn(&self) -> Option<&DqnConfig> {
         if let Self::Dqn(config) = self { Some(config) } else { None }
     }
 
-    /// The step size and its schedule.
     pub fn learning_rate(&self) -> LearningRate {
         match self {
             Self::Dqn(config) => config.optimizer.learning_rate(),
@@ -85,7 +71,6 @@ impl AgentConfig {
         }
     }
 
-    /// The schedule of ε.
     pub fn exploration(&self) -> Exploration {
         match self {
             Self::Dqn(config) => config.exploration,
@@ -122,10 +107,8 @@ pub trait Agent: Any + Send {
     #[must_use]
     fn start_from(&mut self, policy: &Policy) -> bool;
 
-    /// The discount factor γ per step.
     fn gamma(&self) -> f64;
 
-    /// How far learning is.
     fn counters(&self) -> Counters;
 
     /// What learning looks like from inside, each number under a name of [`STATISTICS`]; none before anything was
@@ -144,7 +127,6 @@ pub trait Agent: Any + Send {
 }
 
 impl dyn Agent {
-    /// The agent, if it is a [`Dqn`].
     pub fn as_dqn(&self) -> Option<&Dqn> {
         (self as &dyn Any).downcast_ref()
     }
@@ -164,7 +146,6 @@ pub struct Counters {
 /// A loss, a gradient or a weight became NaN or infinite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotFinite {
-    /// The loss of a minibatch.
     #[error("the loss")]
     Loss,
     /// The gradient of a minibatch. Adam's step makes a weight of it that is not finite either.

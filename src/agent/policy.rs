@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::QTable;
 use crate::nn::{Activations, Mlp};
+use crate::rng::Rng;
 use crate::tensors::{TensorError, Tensors, weights_sha256};
 
 /// What an agent has learned. The set is closed, so that every place that plays or saves a policy knows all kinds.
@@ -11,24 +12,17 @@ use crate::tensors::{TensorError, Tensors, weights_sha256};
 pub enum Policy {
     /// A Q-network for observations as the environment gives them.
     Network(Mlp<f32>),
-    /// A table of Q-values.
     Table(QTable),
 }
 
 impl Policy {
     /// The policy in the tensors without a prefix, whoever wrote them, for a task with these sizes.
-    ///
-    /// # Errors
-    /// When there is none, it has another shape, or a number in it is not finite.
-    pub fn from_tensors(
-        tensors: &Tensors,
-        observation_size: usize,
-        num_actions: usize,
-    ) -> Result<Self, TensorError> {
+    pub fn from_tensors(tensors: &Tensors, inputs: usize, outputs: usize) -> Result<Self, TensorError> {
         if QTable::is_in(tensors) {
-            return Ok(Self::Table(QTable::from_tensors(tensors, observation_size, num_actions)?));
+            QTable::from_tensors(tensors, inputs, outputs).map(Self::Table)
+        } else {
+            tensors.network(inputs, outputs).map(Self::Network)
         }
-        Ok(Self::Network(tensors.network(observation_size, num_actions)?))
     }
 
     /// Adds the policy, each name with a prefix.
@@ -40,9 +34,6 @@ impl Policy {
     }
 
     /// Replaces the policy by the one of the same shape that [`Self::save`] has added with a prefix.
-    ///
-    /// # Errors
-    /// When a tensor is missing or of another type or shape.
     pub fn load(&mut self, prefix: &str, tensors: &Tensors) -> Result<(), TensorError> {
         match self {
             Self::Network(network) => tensors.get_network(prefix, network),
@@ -52,15 +43,23 @@ impl Policy {
 
     /// The greedy policy for up to `batch` observations at once.
     pub fn greedy(&self, batch: usize) -> Greedy {
-        Greedy::new(self.clone(), batch)
+        let batch = match self.clone() {
+            Self::Network(network) => {
+                let activations = Activations::new(network.sizes(), batch);
+                BatchedQ::Network(network, activations)
+            }
+            Self::Table(table) => {
+                let q = DMatrix::zeros(batch, table.num_actions());
+                BatchedQ::Table(table, q)
+            }
+        };
+        Greedy { batch, reward_scale: 1.0 }
     }
 
-    /// The network, if it is one.
     pub fn network(&self) -> Option<&Mlp<f32>> {
         if let Self::Network(network) = self { Some(network) } else { None }
     }
 
-    /// The table, if it is one.
     pub(crate) fn table(&self) -> Option<&QTable> {
         if let Self::Table(table) = self { Some(table) } else { None }
     }
@@ -86,7 +85,6 @@ impl Policy {
 
 /// Chooses actions, one observation at a time.
 pub trait Actor {
-    /// The action for an observation.
     fn act(&mut self, observation: &[f32]) -> usize;
 
     /// The estimated returns of all actions in the observation last acted on, in units of the environment's rewards;
@@ -109,21 +107,6 @@ enum BatchedQ {
 }
 
 impl Greedy {
-    /// The greedy policy for up to `batch` observations at once.
-    fn new(policy: Policy, batch: usize) -> Self {
-        let batch = match policy {
-            Policy::Network(network) => {
-                let activations = Activations::new(network.sizes(), batch);
-                BatchedQ::Network(network, activations)
-            }
-            Policy::Table(table) => {
-                let q = DMatrix::zeros(batch, table.num_actions());
-                BatchedQ::Table(table, q)
-            }
-        };
-        Self { batch, reward_scale: 1.0 }
-    }
-
     fn q(&self) -> &DMatrix<f32> {
         match &self.batch {
             BatchedQ::Network(_, activations) => activations.output(),
@@ -145,16 +128,10 @@ impl Greedy {
 
     /// Computes the Q-values of these observations.
     pub fn forward_batch<'a>(&mut self, observations: impl Iterator<Item = &'a [f32]>) {
-        let size = self.batch();
         match &mut self.batch {
             BatchedQ::Table(table, q) => table.forward(observations, q),
             BatchedQ::Network(network, activations) => {
-                let input = activations.input_mut().as_mut_slice();
-                for (sample, observation) in observations.enumerate() {
-                    for (value, &feature) in input[sample..].iter_mut().step_by(size).zip(observation) {
-                        *value = feature;
-                    }
-                }
+                activations.set_rows(observations);
                 network.forward(activations);
             }
         }
@@ -179,5 +156,29 @@ impl Actor for Greedy {
 
     fn q_values(&self) -> Vec<f32> {
         (0..self.q().ncols()).map(|action| self.q_value(0, action) as f32).collect()
+    }
+}
+
+/// The baseline: every action with the same probability.
+#[derive(Clone, Debug)]
+pub(crate) struct Random {
+    num_actions: usize,
+    rng: Rng,
+}
+
+impl Random {
+    /// Uniform over `num_actions` actions.
+    pub fn new(num_actions: usize, rng: Rng) -> Self {
+        Self { num_actions, rng }
+    }
+}
+
+impl Actor for Random {
+    fn act(&mut self, _observation: &[f32]) -> usize {
+        self.rng.below(self.num_actions as u64) as usize
+    }
+
+    fn q_values(&self) -> Vec<f32> {
+        Vec::new()
     }
 }

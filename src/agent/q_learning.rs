@@ -26,12 +26,10 @@ pub struct QTableConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableConfig {
-    /// The cells of each coordinate.
     pub bins: Vec<Bins>,
     /// Between which values the equal cells of each coordinate lie.
     pub low: Vec<f64>,
     pub high: Vec<f64>,
-    /// Every Q-value at the start.
     pub(crate) initial: f64,
     /// Whether the table also learns from the mirror image of each transition.
     pub mirror: bool,
@@ -48,7 +46,6 @@ pub enum Bins {
 }
 
 impl Bins {
-    /// How many cells they are.
     pub fn count(&self) -> usize {
         match self {
             Self::Equal(count) => *count,
@@ -67,7 +64,6 @@ impl Bins {
 }
 
 impl TableConfig {
-    /// The inner edges of each coordinate.
     pub fn edges(&self) -> Vec<Vec<f32>> {
         let ranges = self.low.iter().zip(&self.high);
         self.bins.iter().zip(ranges).map(|(bins, (&low, &high))| bins.edges(low, high)).collect()

@@ -31,7 +31,6 @@ impl QNetwork {
         Self { mlp, divisors }
     }
 
-    /// What each coordinate of an observation is divided by.
     pub(super) fn divisors(&self) -> &[f32] {
         &self.divisors
     }

@@ -40,7 +40,7 @@ impl QTable {
     /// What follows a termination is worth nothing.
     pub fn update(&mut self, transition: Transition<'_>, alpha: f32, gamma: f32) -> f32 {
         let Transition { observation, action, reward, next_observation, terminated, .. } = transition;
-        let place = self.cell(observation) * self.num_actions + action;
+        let place = self.place(observation) + action;
         let max_next = self
             .q_values(next_observation)
             .iter()
@@ -54,30 +54,27 @@ impl QTable {
 
     /// The Q-values of all actions.
     pub fn q_values(&self, observation: &[f32]) -> &[f32] {
-        let start = self.cell(observation) * self.num_actions;
-        &self.values[start..start + self.num_actions]
+        &self.values[self.place(observation)..][..self.num_actions]
     }
 
     /// How often the values of each action were updated.
     pub fn visits(&self, observation: &[f32]) -> &[u64] {
-        let start = self.cell(observation) * self.num_actions;
-        &self.visits[start..start + self.num_actions]
+        &self.visits[self.place(observation)..][..self.num_actions]
     }
 
-    /// Number of the cell of an observation.
-    fn cell(&self, observation: &[f32]) -> usize {
+    /// Where the values of an observation's cell begin.
+    fn place(&self, observation: &[f32]) -> usize {
         let coordinates = self.edges.iter().zip(observation);
-        coordinates.fold(0, |cell, (edges, &value)| {
+        let cell = coordinates.fold(0, |cell, (edges, &value)| {
             cell * (edges.len() + 1) + edges.partition_point(|&edge| edge <= value)
-        })
+        });
+        cell * self.num_actions
     }
 
-    /// Number of cells of each coordinate.
     pub(crate) fn bins(&self) -> Vec<usize> {
         self.edges.iter().map(|edges| edges.len() + 1).collect()
     }
 
-    /// The inner edges of each coordinate.
     pub fn edges(&self) -> &[Vec<f32>] {
         &self.edges
     }
@@ -88,7 +85,6 @@ impl QTable {
         (cells.len(), cells.filter(|visits| visits.iter().any(|&count| count > 0)).count())
     }
 
-    /// How many updates there were.
     pub fn updates(&self) -> u64 {
         self.visits.iter().fold(0, |sum, &count| sum.saturating_add(count))
     }
@@ -127,30 +123,24 @@ impl QTable {
     }
 
     /// Replaces values and visits by those of a table with the same cells that [`Self::save`] has added.
-    ///
-    /// # Errors
-    /// When a tensor is missing or of another type or shape, or holds other edges or a number that is not finite.
     pub fn load(&mut self, prefix: &str, tensors: &Tensors) -> Result<(), TensorError> {
         for (k, edges) in self.edges.iter().enumerate() {
             if tensors.get::<f32>(&format!("{prefix}{EDGES}{k}"), &[edges.len()])? != *edges {
                 return Err(TensorError::Inconsistent("table of Q-values with its edges"));
             }
         }
-        let name = format!("{prefix}{VALUES}");
-        self.values = tensors.get(&name, &self.shape())?;
         self.visits = tensors.get(&format!("{prefix}{VISITS}"), &self.shape())?;
-        if self.values.iter().all(|value| value.is_finite()) {
-            Ok(())
-        } else {
-            Err(TensorError::NotFinite(name))
-        }
+        self.load_values(&format!("{prefix}{VALUES}"), tensors)
+    }
+
+    fn load_values(&mut self, name: &str, tensors: &Tensors) -> Result<(), TensorError> {
+        self.values = tensors.get(name, &self.shape())?;
+        let is_finite = self.values.iter().all(|value| value.is_finite());
+        if is_finite { Ok(()) } else { Err(TensorError::NotFinite(name.into())) }
     }
 
     /// The table in the tensors without a prefix, whoever wrote them, for a task with these sizes. Without visits it counts
     /// as never updated.
-    ///
-    /// # Errors
-    /// When it has another shape, its edges do not ascend, or a number in it is not finite.
     pub fn from_tensors(tensors: &Tensors, inputs: usize, outputs: usize) -> Result<Self, TensorError> {
         let shape = tensors.shape(VALUES)?.to_vec();
         let Some((&num_actions, bins)) = shape.split_last().filter(|_| !shape.contains(&0)) else {
@@ -168,16 +158,12 @@ impl QTable {
             }
             edges.push(own);
         }
-        let mut table = Self { edges, num_actions, values: Vec::new(), visits: Vec::new() };
-        table.values = tensors.get(VALUES, &shape)?;
-        table.visits = match tensors.shape(VISITS) {
-            Ok(_) => tensors.get(VISITS, &shape)?,
-            Err(_) => vec![0; table.values.len()],
-        };
-        match table.values.iter().all(|value| value.is_finite()) {
-            true => Ok(table),
-            false => Err(TensorError::NotFinite(VALUES.into())),
+        let mut table = Self::new(edges, num_actions, 0.0);
+        if tensors.shape(VISITS).is_ok() {
+            table.visits = tensors.get(VISITS, &shape)?;
         }
+        table.load_values(VALUES, tensors)?;
+        Ok(table)
     }
 
     /// The Q-values of observations in the first rows of `q`, (batch, actions).
@@ -189,7 +175,6 @@ impl QTable {
         }
     }
 
-    /// Number of actions.
     pub(crate) fn num_actions(&self) -> usize {
         self.num_actions
     }

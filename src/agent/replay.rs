@@ -12,19 +12,14 @@ use crate::mirror::Mirror;
 use crate::rng::Rng;
 use crate::tensors::{TensorError, Tensors};
 
-/// Settings of the replay memory.
+/// Settings of the replay memory. Each is a key of the config, see `config::keys`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReplayConfig {
-    /// Transitions that the memory holds before it overwrites the oldest.
     pub capacity: usize,
-    /// Transitions in a minibatch.
     pub batch_size: usize,
-    /// Environment steps before the first update.
     pub(crate) warmup_steps: u64,
-    /// How a minibatch is used.
     pub(crate) update: UpdateMode,
-    /// Whether every sample of a minibatch is replaced by its mirror image with probability ½.
     pub mirror: bool,
 }
 
@@ -51,13 +46,9 @@ pub(crate) enum UpdateMode {
 /// One step of experience.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition<'a> {
-    /// What the agent saw.
     pub observation: &'a [f32],
-    /// What it did.
     pub action: usize,
-    /// What it got.
     pub reward: f32,
-    /// What it saw then.
     pub next_observation: &'a [f32],
     /// Whether the value of `next_observation` is 0.
     pub terminated: bool,
@@ -112,9 +103,7 @@ impl Minibatch {
         for observations in [&mut self.observations, &mut self.next_observations] {
             let values = observations.as_mut_slice();
             row.clear();
-            row.extend(
-                mirror.observation.iter().map(|&(from, factor)| factor * values[from * batch + sample]),
-            );
+            row.extend(mirror.observation.iter().map(|&(j, factor)| factor * values[j * batch + sample]));
             for (feature, &value) in row.iter().enumerate() {
                 values[feature * batch + sample] = value;
             }
@@ -213,7 +202,6 @@ impl Replay {
         }
     }
 
-    /// Transitions in the memory.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -226,7 +214,10 @@ impl Replay {
     /// Remembers a transition and forgets the oldest if the memory is full.
     pub fn push(&mut self, transition: Transition) {
         if self.len == self.capacity {
-            self.forget_final_of(self.oldest);
+            // With its final observation, if it has one.
+            if self.final_slots.get(self.forgotten_finals) == Some(&(self.oldest as u32)) {
+                self.forgotten_finals += 1;
+            }
             self.oldest = self.following(self.oldest);
             self.len -= 1;
         }
@@ -250,13 +241,6 @@ impl Replay {
         }
     }
 
-    /// Forgets the final observation of a transition if it has one.
-    fn forget_final_of(&mut self, slot: usize) {
-        if self.final_slots.get(self.forgotten_finals) == Some(&(slot as u32)) {
-            self.forgotten_finals += 1;
-        }
-    }
-
     /// Makes room for one more final observation. It reuses the space of forgotten ones once they are a sixteenth of all,
     /// and otherwise grows by a sixteenth. Doubling, as `Vec` does, would cost more than 24 bytes per transition when
     /// episodes are short.
@@ -275,8 +259,7 @@ impl Replay {
         }
     }
 
-    /// Draws distinct transitions uniformly, as ages from 0, the oldest, one for each of `ages`; there must be
-    /// enough.
+    /// Draws distinct transitions uniformly, as ages from 0, the oldest, one for each of `ages`; there must be enough.
     pub fn sample(&mut self, rng: &mut Rng, ages: &mut [usize]) {
         debug_assert!(ages.len() <= self.len);
         for age in &mut *ages {

@@ -8,7 +8,6 @@ use crate::nn::{Activations, Mlp, norm};
 /// Observations on which a policy is asked for its Q-values, the same ones during a whole run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Probes {
-    /// Ordinary observations.
     pub ordinary: Vec<Vec<f32>>,
     /// Observations after which no action keeps an episode alive for more than a few steps.
     pub doomed: Vec<Vec<f32>>,
@@ -23,9 +22,7 @@ pub struct Played {
     pub discounted: f64,
     /// max_a Q of the first observation.
     pub expected: f64,
-    /// Environment steps.
     pub steps: u64,
-    /// Whether the task itself ended the episode.
     pub terminated: bool,
 }
 
@@ -39,16 +36,12 @@ pub struct Statistic {
     /// Its title over a plot; empty if no plot shows the statistic.
     pub(crate) title: &'static str,
     pub meaning: &'static str,
-    /// Whether its axis is logarithmic.
     pub(crate) is_logarithmic: bool,
 }
 
-const fn statistic(
-    name: &'static str,
-    label: &'static str,
-    title: &'static str,
-    meaning: &'static str,
-) -> Statistic {
+type Label = &'static str;
+
+const fn statistic(name: Label, label: Label, title: Label, meaning: Label) -> Statistic {
     Statistic { name, label, title, meaning, is_logarithmic: false }
 }
 
@@ -81,7 +74,6 @@ impl NamedNumbers {
         Self(known.map(|(name, number)| (name.to_owned(), number)).collect())
     }
 
-    /// The number of this name.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.iter().find(|(other, _)| other == name).map(|&(_, number)| number)
     }
@@ -160,11 +152,7 @@ pub(super) fn value_statistics(
 
 fn forward(policy: &Mlp<f32>, observations: &[Vec<f32>]) -> Activations<f32> {
     let mut activations = Activations::new(policy.sizes(), observations.len());
-    for (sample, observation) in observations.iter().enumerate() {
-        for (feature, &value) in observation.iter().enumerate() {
-            activations.input_mut()[(sample, feature)] = value;
-        }
-    }
+    activations.set_rows(observations.iter().map(Vec::as_slice));
     policy.forward(&mut activations);
     activations
 }

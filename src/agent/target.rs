@@ -4,58 +4,24 @@ use serde::{Deserialize, Serialize};
 
 /// How the target network follows the online network.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "WrittenTarget", into = "WrittenTarget")]
+#[serde(tag = "kind", rename_all = "snake_case")]
 pub enum TargetUpdate {
-    /// `{"kind": "hard", "every_episodes": N}`: copied after every N-th episode, the very first one included.
-    EveryEpisodes(u64),
-    /// `{"kind": "hard", "every_steps": N}`: copied after every N-th environment step.
-    EverySteps(u64),
-    /// `{"kind": "soft", "tau": τ}`: after every learning step θ⁻ ← θ⁻ + τ (θ − θ⁻), 0 < τ ≤ 1 (Lillicrap et al.
-    /// 2016).
-    Soft {
-        /// τ
-        tau: f64,
-    },
+    /// `{"kind": "hard", "every_steps": N}`, or `every_episodes`: copied from time to time.
+    Hard(Period),
+    /// `{"kind": "soft", "tau": τ}`: after every learning step θ⁻ ← θ⁻ + τ (θ − θ⁻), 0 < τ ≤ 1 (Lillicrap et al. 2016).
+    Soft { tau: f64 },
     /// `{"kind": "none"}`: no target network, the online network bootstraps itself.
     None,
 }
 
-/// [`TargetUpdate`] as it is written.
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-enum WrittenTarget {
-    Hard(Period),
-    Soft { tau: f64 },
-    None,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
+/// When the online network is copied.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum Period {
+pub enum Period {
+    /// After every N-th episode, the very first one included.
     EveryEpisodes(u64),
+    /// After every N-th environment step.
     EverySteps(u64),
-}
-
-impl From<WrittenTarget> for TargetUpdate {
-    fn from(target: WrittenTarget) -> Self {
-        match target {
-            WrittenTarget::Hard(Period::EveryEpisodes(period)) => Self::EveryEpisodes(period),
-            WrittenTarget::Hard(Period::EverySteps(period)) => Self::EverySteps(period),
-            WrittenTarget::Soft { tau } => Self::Soft { tau },
-            WrittenTarget::None => Self::None,
-        }
-    }
-}
-
-impl From<TargetUpdate> for WrittenTarget {
-    fn from(target: TargetUpdate) -> Self {
-        match target {
-            TargetUpdate::EveryEpisodes(period) => Self::Hard(Period::EveryEpisodes(period)),
-            TargetUpdate::EverySteps(period) => Self::Hard(Period::EverySteps(period)),
-            TargetUpdate::Soft { tau } => Self::Soft { tau },
-            TargetUpdate::None => Self::None,
-        }
-    }
 }
 
 /// Which network is evaluated and saved as the policy. With a soft target network its weights are a running mean

@@ -27,34 +27,28 @@ impl Stage {
     }
 }
 
+type Note = &'static str;
+
 /// A mistake that people make.
 #[derive(Debug, Serialize)]
 pub struct Mistake {
     /// Its name for programs.
-    pub id: &'static str,
+    pub id: Note,
     /// The first quantity that it changes.
     #[serde(skip)]
     pub stage: Stage,
     /// What they compute, and what is right.
-    pub(crate) what: &'static str,
-    /// Why it matters.
-    pub(crate) why: &'static str,
+    pub(crate) what: Note,
+    pub(crate) why: Note,
     /// How to mend it in PyTorch, Keras or JAX.
-    pub(crate) mend: &'static str,
+    pub(crate) mend: Note,
     /// Makes it; leaves a variant alone that cannot have it.
     #[serde(skip)]
     pub(crate) make: fn(&mut Variant),
 }
 
 impl Mistake {
-    const fn new(
-        stage: Stage,
-        id: &'static str,
-        make: fn(&mut Variant),
-        what: &'static str,
-        why: &'static str,
-        mend: &'static str,
-    ) -> Self {
+    const fn new(stage: Stage, id: Note, make: fn(&mut Variant), what: Note, why: Note, mend: Note) -> Self {
         Self { id, stage, what, why, mend, make }
     }
 

@@ -10,9 +10,9 @@ use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::files::read_limited;
+use crate::files::{read_limited, read_rest};
 use crate::nn::{Loss, Mlp};
-use crate::tensors::{check_count, foreign_format, header_of, set_torch_layer};
+use crate::tensors::{check_count, foreign_format, header_of, read_network};
 use crate::text::shown;
 
 /// Largest file that is read, in bytes.
@@ -31,17 +31,14 @@ pub(crate) const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
 /// One update: what it started from, and what somebody made of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Update {
-    /// How it is to be computed.
     pub settings: Settings,
     /// The online network before the update.
     pub online: Mlp<f64>,
     /// The target network; none if the online network bootstraps itself.
     pub target: Option<Mlp<f64>>,
-    /// The transitions.
     pub batch: Batch,
     /// Adam before the update.
     pub adam: Moments,
-    /// What they computed.
     pub results: Results,
     /// The unit of rounding of what they computed: 2⁻²⁴ for f32, 2⁻⁵³ for f64.
     pub rounding_unit: f64,
@@ -53,7 +50,6 @@ pub struct Update {
 pub struct Settings {
     /// γ, 0…1; the default is that of PyTorch's DQN tutorial.
     pub gamma: f64,
-    /// The loss of a TD error.
     pub loss: Loss,
     /// Whether targets are those of double Q-learning.
     pub double: bool,
@@ -65,7 +61,6 @@ pub struct Settings {
     pub beta2: f64,
     /// Adam's ε, at least 0.
     pub epsilon: f64,
-    /// Where Adam's ε is added.
     pub epsilon_place: EpsilonPlace,
     /// Norm to which a longer gradient is shortened, above 0; none if it is left alone.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -112,7 +107,6 @@ pub struct Batch {
     pub discounts: Vec<f64>,
 }
 
-/// Adam's state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moments {
     /// Steps done before this update.
@@ -139,88 +133,57 @@ pub struct Results {
 #[error("{}: {problem}", shown(path))]
 pub struct UpdateError {
     pub path: PathBuf,
-    pub(crate) problem: Problem,
+    problem: String,
 }
 
 const POLICY: &str = "holds a policy, which `eval` plays, and no update; docs/check.md has the function of Python that writes one";
 const TABLE: &str = "holds a table of Q-values; `check` is about the update of a network, and docs/q_learning.md has that of a table";
+const UNKNOWN: &str = "expected names are `online.…`, `target.…`, `adam.…`, `result.…` as in docs/check.md, and `batch.` with \
+                       `observations`, `actions`, `rewards`, `next_observations`, `terminated`, `truncated`, `discounts`";
+const TOO_LARGE: &str = "is too large an update to check";
 const NO_RESULT: &str = "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or \
                          `result.online.0.weight`, …";
 
-/// See [`UpdateError`].
-#[derive(Debug, thiserror::Error)]
-pub enum Problem {
-    #[error("cannot be read: {0}")]
-    Unreadable(io::Error),
-    #[error("is not a safetensors file, or is cut off or damaged ({0})")]
-    NotSafetensors(String),
-    #[error("{0}")]
-    NoUpdate(String),
-    #[error("has no tensor `{name}`; expected {expected}")]
-    Missing { name: String, expected: String },
-    #[error("tensor `{name}` {found}; expected {expected}")]
-    Wrong { name: String, found: String, expected: String },
-    #[error(
-        "has a tensor `{0}`, which means nothing here; expected names are `online.…`, `target.…`, `adam.…`, \
-         `result.…` as in docs/check.md, and `batch.` with `observations`, `actions`, `rewards`, \
-         `next_observations`, `terminated`, `truncated`, `discounts`"
-    )]
-    UnknownTensor(String),
-    #[error("has metadata `settings` that cannot be read: {0}")]
-    Settings(serde_json::Error),
-    #[error("the setting `{name}` is {value}; expected {expected}")]
-    Setting { name: &'static str, value: f64, expected: &'static str },
-    #[error("is too large an update to check: {0}")]
-    TooLarge(String),
-}
-
 impl Update {
-    /// Reads a file.
     pub fn read(path: &Path) -> Result<Self, UpdateError> {
-        read_limited(path, MAX_FILE_SIZE)
-            .map_err(Problem::Unreadable)
-            .and_then(|bytes| Self::from_bytes(&bytes))
-            .map_err(|problem| UpdateError { path: path.to_owned(), problem })
+        Self::named(read_limited(path, MAX_FILE_SIZE), path)
     }
 
     /// Reads a stream whole; `path` is what errors call it.
     pub(crate) fn read_from(stream: impl Read, path: &Path) -> Result<Self, UpdateError> {
         let mut bytes = Vec::new();
-        let read = match stream.take(MAX_FILE_SIZE + 1).read_to_end(&mut bytes) {
-            Ok(size) if size as u64 > MAX_FILE_SIZE => {
-                let message = format!("larger than {MAX_FILE_SIZE} bytes");
-                Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
-            }
-            read => read,
-        };
-        read.map_err(Problem::Unreadable)
-            .and_then(|_| Self::from_bytes(&bytes))
+        Self::named(read_rest(stream, &mut bytes, MAX_FILE_SIZE).map(|()| bytes), path)
+    }
+
+    fn named(read: io::Result<Vec<u8>>, path: &Path) -> Result<Self, UpdateError> {
+        read.map_err(|error| format!("cannot be read: {error}"))
+            .and_then(|bytes| Self::from_bytes(&bytes))
             .map_err(|problem| UpdateError { path: path.to_owned(), problem })
     }
 
-    /// Parses the content of a file.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
         let damaged = |error: safetensors::SafeTensorError| {
-            foreign_format(bytes)
-                .map_or_else(|| Problem::NotSafetensors(error.to_string()), Problem::NoUpdate)
+            let damage = format!("is not a safetensors file, or is cut off or damaged ({error})");
+            foreign_format(bytes).unwrap_or(damage)
         };
-        check_count(header_of(bytes)).map_err(Problem::TooLarge)?;
+        check_count(header_of(bytes)).map_err(|problem| format!("{TOO_LARGE}: {problem}"))?;
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let settings = metadata.metadata().as_ref().and_then(|metadata| metadata.get(SETTINGS));
         let settings = settings.map_or(Ok(Settings::default()), |text| serde_json::from_str(text));
-        let settings = settings.map_err(Problem::Settings)?;
+        let settings =
+            settings.map_err(|error| format!("has metadata `{SETTINGS}` that cannot be read: {error}"))?;
         settings.validate()?;
         let safetensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
         let views = safetensors.iter().map(|(name, view)| (name.to_owned(), view));
         let mut file = Remaining { views: views.collect() };
         for (name, what) in [("0.weight", POLICY), ("q_table", TABLE)] {
             if file.views.contains_key(name) {
-                return Err(Problem::NoUpdate(what.into()));
+                return Err(what.into());
             }
         }
         let update = file.update(settings)?;
         match file.views.pop_first() {
-            Some((name, _)) => Err(Problem::UnknownTensor(name)),
+            Some((name, _)) => Err(format!("has a tensor `{name}`, which means nothing here; {UNKNOWN}")),
             None => Ok(update),
         }
     }
@@ -232,7 +195,7 @@ impl Settings {
         HashMap::from([(SETTINGS.to_owned(), json!(self).to_string())])
     }
 
-    fn validate(&self) -> Result<(), Problem> {
+    fn validate(&self) -> Result<(), String> {
         let Self { gamma, learning_rate, beta1, beta2, epsilon, max_gradient_norm, .. } = *self;
         let norm = max_gradient_norm.unwrap_or(1.0);
         let below_one = "a number from 0 to below 1";
@@ -245,7 +208,9 @@ impl Settings {
             ("max_gradient_norm", norm, norm > 0.0, "a number above 0, or nothing"),
         ];
         match rules.into_iter().find(|(_, value, holds, _)| !(*holds && value.is_finite())) {
-            Some((name, value, _, expected)) => Err(Problem::Setting { name, value, expected }),
+            Some((name, value, _, expected)) => {
+                Err(format!("the setting `{name}` is {value}; expected {expected}"))
+            }
             None => Ok(()),
         }
     }
@@ -257,7 +222,7 @@ struct Remaining<'a> {
 }
 
 impl Remaining<'_> {
-    fn update(&mut self, settings: Settings) -> Result<Update, Problem> {
+    fn update(&mut self, settings: Settings) -> Result<Update, String> {
         let sizes = self.sizes()?;
         let (inputs, outputs) = (sizes[0], sizes[sizes.len() - 1]);
         let batch_size = self.batch_size()?;
@@ -266,10 +231,10 @@ impl Remaining<'_> {
             || outputs > MAX_ACTIONS
             || products.saturating_mul(batch_size) > MAX_PRODUCTS
         {
-            return Err(Problem::TooLarge(format!(
-                "layers {sizes:?} and a batch of {batch_size}; at most {MAX_ACTIONS} actions, {MAX_BATCH} \
+            return Err(format!(
+                "{TOO_LARGE}: layers {sizes:?} and a batch of {batch_size}; at most {MAX_ACTIONS} actions, {MAX_BATCH} \
                  transitions, and {MAX_PRODUCTS} as weights times transitions"
-            )));
+            ));
         }
         let is_single = self.computed_in_f32();
         let online = self.network("online.", &sizes)?;
@@ -278,29 +243,29 @@ impl Remaining<'_> {
             is_there.then(|| self.network(prefix, &sizes)).transpose()
         };
         let target = network("target.")?;
-        let (first, second) = (network("adam.m.")?, network("adam.v.")?);
+        let moments = [network("adam.m.")?, network("adam.v.")?];
         let (gradients, after) = (network("result.gradients.")?, network("result.online.")?);
         let batch = self.batch(batch_size, inputs, outputs, settings.gamma)?;
-        let adam = self.moments(&sizes, first, second)?;
+        let adam = self.moments(&sizes, moments)?;
         let targets = self.optional("result.targets", &[batch_size])?;
         let loss = self.optional("result.loss", &[])?.map(|loss| loss[0]);
         let results = Results { targets, loss, gradients, online: after };
         if results == Results::default() {
-            return Err(Problem::NoUpdate(NO_RESULT.into()));
+            return Err(NO_RESULT.into());
         }
         let rounding_unit = if is_single { f64::from(f32::EPSILON) } else { f64::EPSILON } / 2.0;
         Ok(Update { settings, online, target, batch, adam, results, rounding_unit })
     }
 
     /// The layer sizes of the online network.
-    fn sizes(&self) -> Result<Vec<usize>, Problem> {
+    fn sizes(&self) -> Result<Vec<usize>, String> {
         let mut sizes: Vec<usize> = Vec::new();
         loop {
             let name = format!("online.{}.weight", 2 * sizes.len().saturating_sub(1));
             let inputs = sizes.last().map_or("inputs".into(), usize::to_string);
             let expected = format!("F32 or F64 [outputs, {inputs}]");
             match self.views.get(&name) {
-                None if sizes.is_empty() => return Err(Problem::Missing { name, expected }),
+                None if sizes.is_empty() => return Err(missing(&name, &expected)),
                 None => return Ok(sizes),
                 Some(view) => match *view.shape() {
                     [rows, columns]
@@ -317,10 +282,9 @@ impl Remaining<'_> {
         }
     }
 
-    fn batch_size(&self) -> Result<usize, Problem> {
+    fn batch_size(&self) -> Result<usize, String> {
         let (name, expected) = ("batch.observations", "numbers [batch, inputs], a batch of at least 1");
-        let missing = || Problem::Missing { name: name.into(), expected: expected.into() };
-        let view = self.views.get(name).ok_or_else(missing)?;
+        let view = self.views.get(name).ok_or_else(|| missing(name, expected))?;
         match *view.shape() {
             [batch, _] if batch > 0 => Ok(batch),
             _ => Err(wrong(name, view, expected)),
@@ -331,28 +295,21 @@ impl Remaining<'_> {
     /// f32 holds, whatever its type in the file.
     fn computed_in_f32(&self) -> bool {
         let is_weight = |name: &str| name.starts_with("online.") || name.starts_with("target.");
-        let mut computed =
-            self.views.iter().filter(|(name, _)| is_weight(name) || name.starts_with("result."));
+        let mut given = self.views.iter().filter(|(name, _)| is_weight(name) || name.starts_with("result."));
         let mut weights = self.views.iter().filter(|(name, _)| is_weight(name));
         let holds_f32 = |view: &TensorView| {
             numbers(view).is_some_and(|values| values.iter().all(|&value| f64::from(value as f32) == value))
         };
-        computed.any(|(_, view)| view.dtype() == Dtype::F32) || weights.all(|(_, view)| holds_f32(view))
+        given.any(|(_, view)| view.dtype() == Dtype::F32) || weights.all(|(_, view)| holds_f32(view))
     }
 
-    /// A network of these sizes from `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, ….
-    fn network(&mut self, prefix: &str, sizes: &[usize]) -> Result<Mlp<f64>, Problem> {
+    fn network(&mut self, prefix: &str, sizes: &[usize]) -> Result<Mlp<f64>, String> {
         let mut network = Mlp::zeros(sizes.to_vec());
-        for (index, pair) in sizes.windows(2).enumerate() {
-            let (inputs, outputs) = (pair[0], pair[1]);
-            let torch_weight = self.floats(&format!("{prefix}{}.weight", 2 * index), &[outputs, inputs])?;
-            let torch_bias = self.floats(&format!("{prefix}{}.bias", 2 * index), &[outputs])?;
-            set_torch_layer(&mut network, index, &torch_weight, &torch_bias);
-        }
+        read_network(prefix, &mut network, |name, shape| self.floats(name, shape))?;
         Ok(network)
     }
 
-    fn batch(&mut self, size: usize, inputs: usize, actions: usize, gamma: f64) -> Result<Batch, Problem> {
+    fn batch(&mut self, size: usize, inputs: usize, actions: usize, gamma: f64) -> Result<Batch, String> {
         let mut observations = |name| {
             self.floats(name, &[size, inputs]).map(|values| DMatrix::from_row_slice(size, inputs, &values))
         };
@@ -377,23 +334,17 @@ impl Remaining<'_> {
         })
     }
 
-    fn flags(&mut self, name: &str, size: usize) -> Result<Vec<bool>, Problem> {
+    fn flags(&mut self, name: &str, size: usize) -> Result<Vec<bool>, String> {
         let values = self.values(name, &[size], |value| value == 0.0 || value == 1.0, "0 or 1")?;
         Ok(values.into_iter().map(|value| value == 1.0).collect())
     }
 
-    fn moments(
-        &mut self,
-        sizes: &[usize],
-        first: Option<Mlp<f64>>,
-        second: Option<Mlp<f64>>,
-    ) -> Result<Moments, Problem> {
+    fn moments(&mut self, sizes: &[usize], networks: [Option<Mlp<f64>>; 2]) -> Result<Moments, String> {
+        let [first, second] = networks;
         let (name, expected) = ("adam.steps", "one integer from 0 to 2^53: the steps before this update");
         let is_count = |value: f64| value.fract() == 0.0 && (0.0..=9.0e15).contains(&value);
         let steps = self.views.contains_key(name);
         let steps = steps.then(|| self.values(name, &[], is_count, expected)).transpose()?;
-        let missing =
-            |name: &str, expected: &str| Problem::Missing { name: name.into(), expected: expected.into() };
         let steps = steps.map(|steps| steps[0] as u64);
         if let (None | Some(0), None, None) = (steps, &first, &second) {
             let zeros = Mlp::zeros(sizes.to_vec());
@@ -404,15 +355,15 @@ impl Remaining<'_> {
         let first = first.ok_or_else(|| moment("adam.m.0.weight", "first"))?;
         let second = second.ok_or_else(|| moment("adam.v.0.weight", "second"))?;
         let is_square = |value| value >= 0.0;
-        check_values("adam.v.…", second.parameters(), is_square, "a mean of squares, at least 0")?;
+        check_all("adam.v.…", second.parameters(), is_square, "a mean of squares, at least 0")?;
         Ok(Moments { steps, first, second })
     }
 
-    fn optional(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, Problem> {
+    fn optional(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, String> {
         self.views.contains_key(name).then(|| self.floats(name, shape)).transpose()
     }
 
-    fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f64>, Problem> {
+    fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f64>, String> {
         self.values(name, shape, |_| true, "a finite number")
     }
 
@@ -421,43 +372,40 @@ impl Remaining<'_> {
         &mut self,
         name: &str,
         shape: &[usize],
-        allowed: impl Fn(f64) -> bool,
+        fits: impl Fn(f64) -> bool,
         expected: &str,
-    ) -> Result<Vec<f64>, Problem> {
+    ) -> Result<Vec<f64>, String> {
         let described = || match shape {
             [] => "one number, F32, F64, an integer or BOOL".to_owned(),
             shape => format!("F32, F64, an integer type or BOOL, of shape {shape:?}"),
         };
         let Some(view) = self.views.remove(name) else {
-            return Err(Problem::Missing { name: name.into(), expected: described() });
+            return Err(missing(name, &described()));
         };
-        let fits =
+        let has_shape =
             view.shape().strip_prefix(shape).is_some_and(|rest| rest.iter().all(|&length| length == 1));
-        let Some(values) = numbers(&view).filter(|_| fits) else {
+        let Some(values) = numbers(&view).filter(|_| has_shape) else {
             return Err(wrong(name, &view, &described()));
         };
-        check_values(name, &values, allowed, expected)?;
+        check_all(name, &values, fits, expected)?;
         Ok(values)
     }
 }
 
-fn wrong(name: &str, view: &TensorView, expected: &str) -> Problem {
-    let found = format!("is {:?} {:?}", view.dtype(), view.shape());
-    Problem::Wrong { name: name.into(), found, expected: expected.into() }
+fn missing(name: &str, expected: &str) -> String {
+    format!("has no tensor `{name}`; expected {expected}")
 }
 
-/// The first of the values that is not allowed.
-fn check_values(
-    name: &str,
-    values: &[f64],
-    allowed: impl Fn(f64) -> bool,
-    expected: &str,
-) -> Result<(), Problem> {
-    let Some(index) = values.iter().position(|&value| !(value.is_finite() && allowed(value))) else {
-        return Ok(());
-    };
-    let found = format!("holds {} at position {index}", values[index]);
-    Err(Problem::Wrong { name: name.into(), found, expected: expected.into() })
+fn wrong(name: &str, view: &TensorView, expected: &str) -> String {
+    format!("tensor `{name}` is {:?} {:?}; expected {expected}", view.dtype(), view.shape())
+}
+
+/// The first of the values that does not fit.
+fn check_all(name: &str, values: &[f64], fits: impl Fn(f64) -> bool, expected: &str) -> Result<(), String> {
+    match values.iter().enumerate().find(|(_, value)| !(value.is_finite() && fits(**value))) {
+        Some((i, x)) => Err(format!("tensor `{name}` holds {x} at position {i}; expected {expected}")),
+        None => Ok(()),
+    }
 }
 
 /// A tensor's numbers; none if it is of a type that is not read.

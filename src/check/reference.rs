@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 
 use super::file::{EpsilonPlace, Update};
 use super::rounding::{Matrix, Number, Pass, backward, forward, square};
+use crate::agent::argmax;
 use crate::nn::Loss;
 
 /// How an update is computed: the right way ([`Variant::right`]), or with some of the catalogue's mistakes.
@@ -67,7 +68,6 @@ pub enum Mask {
     NotTerminated,
 }
 
-/// The value of the next observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NextValue {
     Max,
@@ -131,7 +131,6 @@ pub enum Clipping {
     EveryTensor,
 }
 
-/// The optimiser that turns a gradient into a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Optimizer {
     Adam,
@@ -146,7 +145,6 @@ pub enum Optimizer {
     Nothing,
 }
 
-/// Weight decay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Decay {
     None,
@@ -157,7 +155,6 @@ pub enum Decay {
 }
 
 impl Variant {
-    /// The right way.
     pub fn right(update: &Update) -> Self {
         let settings = &update.settings;
         Self {
@@ -217,7 +214,6 @@ pub struct Targets {
 
 /// The loss and its derivatives.
 pub struct LossOf {
-    /// L
     pub value: Number,
     /// ∂L/∂Q(s, ·)
     pub(super) by_q: Matrix,
@@ -226,7 +222,6 @@ pub struct LossOf {
 }
 
 impl<'a> Reference<'a> {
-    /// Computes the passes.
     pub fn new(update: &'a Update) -> Self {
         let Update { online, target, batch, rounding_unit: unit, .. } = update;
         Self {
@@ -257,18 +252,15 @@ impl<'a> Reference<'a> {
             if variant.from_current { self.target_of_current() } else { self.target_of_next.as_ref() };
         let q_target = of_target.map_or(q_online, Pass::q);
         let q = if variant.from_online { q_online } else { q_target };
-        let of_batch = variant.bootstrap == NextValue::MaxOfBatch;
-        let largest = of_batch.then(|| (0..q.value.nrows()).flat_map(|row| [(row, argmax(q, row))]));
-        let largest = largest.and_then(|mut places| {
-            let first = places.next()?;
-            Some(places.fold(first, |best, place| if q.value[place] > q.value[best] { place } else { best }))
-        });
+        let largest = (0..batch.rewards.len()).map(|row| (row, argmax(&q.value, row)));
+        let largest = largest.reduce(|best, place| if q.value[place] > q.value[best] { place } else { best });
         let (mut values, mut places, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
         for sample in 0..batch.rewards.len() {
+            let best = |q: &Matrix| vec![(sample, argmax(&q.value, sample))];
             let (chosen, chooser) = match variant.bootstrap {
-                NextValue::Max | NextValue::Index => (vec![(sample, argmax(q, sample))], None),
-                NextValue::Double => (vec![(sample, argmax(q_online, sample))], Some(q_online)),
-                NextValue::DoubleExchanged => (vec![(sample, argmax(q_target, sample))], Some(q_target)),
+                NextValue::Max | NextValue::Index => (best(q), None),
+                NextValue::Double => (best(q_online), Some(q_online)),
+                NextValue::DoubleExchanged => (best(q_target), Some(q_target)),
                 NextValue::Taken => (vec![(sample, batch.actions[sample])], None),
                 NextValue::Mean => ((0..q.value.ncols()).map(|action| (sample, action)).collect(), None),
                 NextValue::Min => (vec![(sample, argmin(q, sample))], None),
@@ -334,7 +326,7 @@ impl<'a> Reference<'a> {
         // The outputs of a sample that are compared, and the samples whose targets they are compared with.
         let compared = |i: usize| match variant.predicted {
             Predicted::Taken => (one(actions[i]), one(i)),
-            Predicted::Largest => (one(argmax(q, i)), one(i)),
+            Predicted::Largest => (one(argmax(&q.value, i)), one(i)),
             Predicted::Shifted(by) => (one((actions[i] + by) % outputs), one(i)),
             Predicted::EveryOutput => (0..outputs, one(i)),
             Predicted::EveryPair => (one(actions[i]), 0..batch),
@@ -418,20 +410,15 @@ impl<'a> Reference<'a> {
                 *number += Number { value: before, variance: square(4.0 * unit * before) };
             }
         }
-        self.clip(variant, &mut gradient);
-        gradient
-    }
-
-    fn clip(&self, variant: &Variant, gradient: &mut [Number]) {
         let max_norm = variant.max_gradient_norm.unwrap_or(f64::INFINITY);
         match variant.clipping {
             Clipping::Nothing => {}
             Clipping::Value(limit) => {
                 gradient.iter_mut().for_each(|number| number.value = number.value.clamp(-limit, limit));
             }
-            Clipping::Norm => self.shorten(variant, gradient, max_norm),
+            Clipping::Norm => self.shorten(variant, &mut gradient, max_norm),
             Clipping::EveryTensor => {
-                let mut rest = gradient;
+                let mut rest = &mut gradient[..];
                 for pair in self.update.online.sizes().windows(2) {
                     for length in [pair[0] * pair[1], pair[1]] {
                         let (tensor, others) = rest.split_at_mut(length);
@@ -441,6 +428,7 @@ impl<'a> Reference<'a> {
                 }
             }
         }
+        gradient
     }
 
     /// g ← g · min(1, c / (‖g‖ + 1e-6)) as in PyTorch, or g · min(1, c / ‖g‖) as in TensorFlow and Optax: both are right, so
@@ -476,16 +464,15 @@ impl<'a> Reference<'a> {
         let parameters = online.parameters().iter().zip(moments).zip(gradients).skip(first);
         parameters
             .map(|((&weight, (&first, &second)), gradient)| {
-                let at = |gradient| stepped(variant, corrections, weight, gradient, first, second);
+                let at = |gradient| stepped(variant, corrections, weight, gradient, [first, second]);
                 let value = at(gradient.value);
                 let doubt = |gradient| (at(gradient) - value).abs();
                 let tolerance = gradient.tolerance();
+                let rounded = rounding * (value - weight).abs() + 2.0 * unit * weight.abs().max(value.abs());
                 let mut number = Number::exact(value);
                 number
                     .may_be_off_by(doubt(gradient.value - tolerance).max(doubt(gradient.value + tolerance)));
-                number.may_be_off_by(
-                    rounding * (value - weight).abs() + 2.0 * unit * weight.abs().max(value.abs()),
-                );
+                number.may_be_off_by(rounded);
                 number
             })
             .collect()
@@ -502,22 +489,13 @@ fn step_rounding(variant: &Variant, unit: f64) -> f64 {
 }
 
 /// A parameter after one step; `corrections` are 1 − β₁ᵗ and 1 − β₂ᵗ.
-fn stepped(
-    variant: &Variant,
-    corrections: [f64; 2],
-    weight: f64,
-    gradient: f64,
-    first: f64,
-    second: f64,
-) -> f64 {
+fn stepped(variant: &Variant, corrections: [f64; 2], weight: f64, gradient: f64, moments: [f64; 2]) -> f64 {
     let Variant { learning_rate, beta1, beta2, epsilon, .. } = *variant;
-    let gradient = match variant.decay {
-        Decay::Squared(decay) => gradient + decay * weight,
-        _ => gradient,
-    };
-    let decayed = match variant.decay {
-        Decay::Decoupled(decay) => weight - learning_rate * decay * weight,
-        _ => weight,
+    let [first, second] = moments;
+    let (decayed, gradient) = match variant.decay {
+        Decay::None => (weight, gradient),
+        Decay::Decoupled(decay) => (weight - learning_rate * decay * weight, gradient),
+        Decay::Squared(decay) => (weight, gradient + decay * weight),
     };
     let m = beta1 * first + (1.0 - beta1) * gradient;
     let v = beta2 * second + (1.0 - beta2) * square(gradient);
@@ -559,11 +537,6 @@ impl Penalty {
     }
 }
 
-/// The action with the largest of a sample's Q-values, the first of equals.
-fn argmax(q: &Matrix, sample: usize) -> usize {
-    crate::agent::argmax(&q.value, sample)
-}
-
 fn argmin(q: &Matrix, sample: usize) -> usize {
     (1..q.value.ncols()).fold(0, |best, action| {
         if q.value[(sample, action)] < q.value[(sample, best)] { action } else { best }
@@ -572,7 +545,7 @@ fn argmin(q: &Matrix, sample: usize) -> usize {
 
 /// How far the value of the chosen action may be off because another action is as good, but for rounding.
 fn choice_doubt(chooser: &Matrix, valued: &Matrix, sample: usize) -> f64 {
-    let best = argmax(chooser, sample);
+    let best = argmax(&chooser.value, sample);
     let best_q = chooser.get(sample, best);
     let doubts = (0..chooser.value.ncols()).map(|action| {
         let other = chooser.get(sample, action);

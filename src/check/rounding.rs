@@ -1,9 +1,8 @@
 //! A network's passes in f64 together with how far another program's rounding may move each number.
 //!
-//! Rounding errors are taken as independent with mean 0: their variances add up, weighted by the square of what
-//! multiplies them. A sum of n products in any order has the variance n u² (Σ (wᵢ xᵢ)² + (Σ wᵢ xᵢ)²), where u is the
-//! unit of rounding. This is more than blocked sums have. Two numbers agree if they lie within [`SAFETY`] standard
-//! deviations.
+//! Rounding errors are taken as independent with mean 0: their variances add up, weighted by the square of what multiplies
+//! them. A sum of n products in any order has the variance n u² (Σ (wᵢ xᵢ)² + (Σ wᵢ xᵢ)²), where u is the unit of rounding.
+//! This is more than blocked sums have. Two numbers agree if they lie within [`SAFETY`] standard deviations.
 
 use std::ops::AddAssign;
 
@@ -137,13 +136,9 @@ pub(super) fn backward(
     for index in (first..network.num_layers()).rev() {
         let (layer, x) = (network.layer(index), &pass.inputs[index]);
         let weights = layer.len() - dy.value.ncols();
-        let (mut value, mut rounded, mut carried) =
-            (vec![0.0; layer.len()], vec![0.0; layer.len()], vec![0.0; layer.len()]);
-        let dy_squares = dy.value.map(square);
-        let x_squares = x.spread(growth);
-        layer_gradient(&dy.value, &x.value, &mut value);
-        layer_gradient(&dy_squares, &x_squares, &mut rounded);
-        layer_gradient(&dy.variance, &x.value.map(square), &mut carried);
+        let value = layer_gradient(&dy.value, &x.value);
+        let mut rounded = layer_gradient(&dy.value.map(square), &x.spread(growth));
+        let carried = layer_gradient(&dy.variance, &x.value.map(square));
         rounded[weights..].iter_mut().for_each(|bias| *bias *= growth);
         for (position, number) in gradient[end - layer.len()..end].iter_mut().enumerate() {
             number.value += value[position];
@@ -198,12 +193,11 @@ fn affine(x: &DMatrix<f64>, layer: &[f64], y: &mut DMatrix<f64>) {
     y.column_iter_mut().zip(bias).for_each(|(mut column, &bias)| column.add_scalar_mut(bias));
 }
 
-/// dW = dy xᵀ, then db = Σ_batch dy, into `gradient`.
-fn layer_gradient(dy: &DMatrix<f64>, x: &DMatrix<f64>, gradient: &mut [f64]) {
+/// dW = dy xᵀ, then db = Σ_batch dy.
+fn layer_gradient(dy: &DMatrix<f64>, x: &DMatrix<f64>) -> Vec<f64> {
     let product = dy.transpose() * x;
-    let (weight, bias) = gradient.split_at_mut(product.len());
-    weight.copy_from_slice(product.as_slice());
-    bias.iter_mut().zip(dy.column_iter()).for_each(|(bias, column)| *bias = column.sum());
+    let bias = dy.column_iter().map(|column| column.sum());
+    product.iter().copied().chain(bias).collect()
 }
 
 pub(super) fn square(x: f64) -> f64 {

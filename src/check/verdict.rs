@@ -1,7 +1,7 @@
 //! Which mistakes reproduce somebody's numbers.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread;
 
 use serde::Serialize;
@@ -21,10 +21,8 @@ const KEPT: usize = 3;
 /// Most parameters of which several threads have gradients at the same time.
 const MAX_PARALLEL: usize = 1 << 22;
 
-/// The verdict on an update.
 #[derive(Debug, Serialize)]
 pub struct Verdict {
-    /// Whether everything given is equal.
     pub equal: bool,
     /// The quantities, in the order in which they are computed.
     pub quantities: Vec<Judged>,
@@ -53,13 +51,11 @@ pub struct Judged {
     pub(crate) numbers: usize,
 }
 
-/// See [`Judged`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QuantityState {
     /// The file does not hold it.
     Absent,
-    /// It agrees.
     Equal,
     /// It differs, and known mistakes reproduce it.
     Explained,
@@ -67,7 +63,6 @@ pub enum QuantityState {
     Different,
 }
 
-/// A mistake in an explanation.
 #[derive(Clone, Debug, Serialize)]
 pub struct Explained {
     #[serde(flatten)]
@@ -96,12 +91,6 @@ impl Hypothesis {
         with.mistakes.push(Explained { mistake, quantity, reported_only: false });
         with
     }
-
-    fn explanation(&self) -> Vec<Explained> {
-        let mut mistakes = self.mistakes.clone();
-        mistakes.sort_by_key(|explained| explained.quantity);
-        mistakes
-    }
 }
 
 /// Judges targets, loss, gradients and weights, each given what explains the ones before it.
@@ -117,6 +106,7 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         right: Variant::right(update),
         raw_gradients: Mutex::new(Vec::new()),
         work: AtomicU64::new(0),
+        untried: Mutex::default(),
         progress,
     };
     let mut hypotheses = vec![Hypothesis {
@@ -125,7 +115,7 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         takes_their_targets: false,
         takes_their_gradients: false,
     }];
-    let (mut quantities, mut left_out, mut norm_clipping) = (Vec::new(), Untried::default(), None);
+    let (mut quantities, mut norm_clipping) = (Vec::new(), None);
     for stage in Stage::ALL {
         let Some(theirs) = search.theirs(stage) else {
             quantities.push(Judged::new(stage, QuantityState::Absent, &[], &[]));
@@ -133,9 +123,9 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         };
         let ours = search.compute(&hypotheses[0], stage);
         let mut judged = Judged::new(stage, QuantityState::Different, &ours, theirs);
-        let mut following = search.still_reproducing(&hypotheses, &ours, stage, &mut left_out);
+        let mut following = search.still_reproducing(&hypotheses, &ours, stage);
         if following.is_empty() {
-            following = search.explain(&hypotheses, stage, &mut left_out);
+            following = search.explain(&hypotheses, stage);
         }
         if let Some(first) = following.first() {
             let is_explained = first.mistakes.iter().any(|explained| explained.quantity == stage);
@@ -159,40 +149,28 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         quantities.push(judged);
     }
     let is_unexplained = quantities.iter().any(|quantity| quantity.state == QuantityState::Different);
-    let not_visible =
-        if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0], &mut left_out) };
+    let not_visible = if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0]) };
+    let untried = search.untried.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let is_equal = |judged: &Judged| matches!(judged.state, QuantityState::Absent | QuantityState::Equal);
+    let explanations = hypotheses.into_iter().map(|Hypothesis { mut mistakes, .. }| {
+        mistakes.sort_by_key(|explained| explained.quantity);
+        mistakes
+    });
     Verdict {
-        equal: quantities
-            .iter()
-            .all(|quantity| matches!(quantity.state, QuantityState::Absent | QuantityState::Equal)),
+        equal: quantities.iter().all(is_equal),
         not_visible,
-        explanations: hypotheses
-            .iter()
-            .map(Hypothesis::explanation)
-            .filter(|list| !list.is_empty())
-            .collect(),
+        explanations: explanations.filter(|mistakes| !mistakes.is_empty()).collect(),
         quantities,
         norm_clipping,
-        mistakes_left_out: left_out.mistakes,
-        pairs_left_out: left_out.pairs,
+        mistakes_left_out: untried.mistakes,
+        pairs_left_out: untried.pairs,
     }
 }
 
-/// What was not tried.
 #[derive(Default)]
 struct Untried {
     mistakes: Vec<&'static str>,
     pairs: bool,
-}
-
-impl Untried {
-    fn add(&mut self, candidates: &[Hypothesis]) {
-        for Explained { mistake, .. } in candidates.iter().filter_map(|candidate| candidate.mistakes.last()) {
-            if !self.mistakes.contains(&mistake.id) {
-                self.mistakes.push(mistake.id);
-            }
-        }
-    }
 }
 
 struct Search<'a> {
@@ -203,6 +181,7 @@ struct Search<'a> {
     raw_gradients: Mutex<Vec<(Matrix, Arc<Vec<Number>>)>>,
     /// Products so far.
     work: AtomicU64,
+    untried: Mutex<Untried>,
     progress: &'a (dyn Fn(Stage, usize, usize) + Sync),
 }
 
@@ -235,7 +214,6 @@ impl Search<'_> {
         (targets, loss)
     }
 
-    /// A quantity.
     fn compute(&self, hypothesis: &Hypothesis, stage: Stage) -> Vec<Number> {
         let variant = &hypothesis.variant;
         if let Some(gradients) = self.taken_gradients(hypothesis, stage) {
@@ -261,7 +239,7 @@ impl Search<'_> {
         if variant.through_target {
             return None;
         }
-        let known = self.raw_gradients.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = locked(&self.raw_gradients);
         known.iter().find(|(by_q, _)| *by_q == loss.by_q).map(|(_, gradients)| Arc::clone(gradients))
     }
 
@@ -271,7 +249,7 @@ impl Search<'_> {
         }
         let gradients = Arc::new(self.reference.raw_gradients(variant, targets, loss, 0));
         if !variant.through_target {
-            let mut known = self.raw_gradients.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut known = locked(&self.raw_gradients);
             // The first stays: it is that of most candidates.
             if known.len() == KEPT {
                 known.remove(1);
@@ -298,10 +276,6 @@ impl Search<'_> {
         first.filter(|_| second.is_none()).map(|(_, name)| name)
     }
 
-    fn first_parameter(&self, layer: usize) -> usize {
-        (0..layer).map(|layer| self.update.online.layer(layer).len()).sum()
-    }
-
     /// Whether a hypothesis gives their numbers.
     fn reproduces(&self, hypothesis: &Hypothesis, stage: Stage) -> bool {
         self.theirs(stage).is_none_or(|theirs| all_agree(&self.compute(hypothesis, stage), theirs))
@@ -317,7 +291,7 @@ impl Search<'_> {
         let variant = &hypothesis.variant;
         let (targets, loss) = self.targets_and_loss(hypothesis);
         let last = self.update.online.num_layers() - 1;
-        let first = self.first_parameter(last);
+        let first = (0..last).map(|layer| self.update.online.layer(layer).len()).sum();
         let is_norm = variant.clipping == Clipping::Norm;
         if !is_norm || stage == Stage::Gradients {
             let raw = self.reference.raw_gradients(variant, &targets, &loss, last);
@@ -393,12 +367,19 @@ impl Search<'_> {
     }
 
     /// The candidates that give their numbers, in their order.
-    fn reproducing(
-        &self,
-        candidates: Vec<Hypothesis>,
-        stage: Stage,
-        left_out: &mut Untried,
-    ) -> Vec<Hypothesis> {
+    fn reproducing(&self, candidates: Vec<Hypothesis>, stage: Stage) -> Vec<Hypothesis> {
+        let (found, untried) = self.tried(candidates, stage);
+        let mut known = locked(&self.untried);
+        for id in untried.iter().filter_map(|candidate| Some(candidate.mistakes.last()?.mistake.id)) {
+            if !known.mistakes.contains(&id) {
+                known.mistakes.push(id);
+            }
+        }
+        found
+    }
+
+    /// The candidates that give their numbers, in their order, and those that were not tried.
+    fn tried(&self, candidates: Vec<Hypothesis>, stage: Stage) -> (Vec<Hypothesis>, Vec<Hypothesis>) {
         let (looked_at, mut untried): (Vec<_>, Vec<_>) =
             candidates.into_iter().partition(|candidate| self.affords(self.look_work(candidate, stage)));
         let looks = self.in_parallel(&looked_at, stage, |candidate| self.first_look(candidate, stage));
@@ -411,12 +392,11 @@ impl Search<'_> {
                 Err(_) => untried.push(candidate),
             }
         }
-        left_out.add(&untried);
         let verdicts = self.in_parallel(&open, stage, |(candidate, is_decided)| {
             *is_decided || self.reproduces(candidate, stage)
         });
         let found = open.into_iter().zip(verdicts).filter(|(_, reproduces)| *reproduces);
-        found.map(|((candidate, _), _)| candidate).collect()
+        (found.map(|((candidate, _), _)| candidate).collect(), untried)
     }
 
     /// The results of a function, in the order of the items, which several threads compute.
@@ -447,35 +427,26 @@ impl Search<'_> {
     }
 
     /// The hypotheses that give the numbers of one more quantity as well; `ours` are those of the first.
-    fn still_reproducing(
-        &self,
-        hypotheses: &[Hypothesis],
-        ours: &[Number],
-        stage: Stage,
-        left_out: &mut Untried,
-    ) -> Vec<Hypothesis> {
+    fn still_reproducing(&self, hypotheses: &[Hypothesis], ours: &[Number], stage: Stage) -> Vec<Hypothesis> {
         let first = self.theirs(stage).is_none_or(|theirs| all_agree(ours, theirs));
-        let others = self.reproducing(hypotheses[1..].to_vec(), stage, left_out);
+        let others = self.reproducing(hypotheses[1..].to_vec(), stage);
         hypotheses[..1].iter().filter(|_| first).cloned().chain(others).collect()
     }
 
     /// The hypotheses with the fewest changes that give their numbers.
-    fn explain(&self, hypotheses: &[Hypothesis], stage: Stage, left_out: &mut Untried) -> Vec<Hypothesis> {
-        let without: Vec<_> =
-            hypotheses.iter().flat_map(|hypothesis| self.without_one(hypothesis, stage)).collect();
-        let with_one =
-            |bases: &[Hypothesis]| bases.iter().flat_map(|base| self.with_one(base, stage)).collect();
+    fn explain(&self, hypotheses: &[Hypothesis], stage: Stage) -> Vec<Hypothesis> {
+        let without: Vec<_> = hypotheses.iter().flat_map(|one| self.without_one(one, stage)).collect();
+        let with_one = |all: &[Hypothesis]| all.iter().flat_map(|base| self.with_one(base, stage)).collect();
         for candidates in [without.clone(), with_one(hypotheses), with_one(&without)] {
-            let mut found = self.reproducing(candidates, stage, left_out);
+            let mut found = self.reproducing(candidates, stage);
             if !found.is_empty() {
                 found.truncate(MAX_EXPLANATIONS);
                 return found;
             }
         }
         let pairs = hypotheses.iter().flat_map(|base| self.with_two(base, stage)).collect();
-        let mut pairs_left_out = Untried::default();
-        let mut found = self.reproducing(pairs, stage, &mut pairs_left_out);
-        left_out.pairs |= !pairs_left_out.mistakes.is_empty();
+        let (mut found, untried) = self.tried(pairs, stage);
+        locked(&self.untried).pairs |= !untried.is_empty();
         found.truncate(MAX_EXPLANATIONS);
         found
     }
@@ -530,7 +501,7 @@ impl Search<'_> {
     }
 
     /// The mistakes that would change none of the quantities given.
-    fn not_visible(&self, hypothesis: &Hypothesis, left_out: &mut Untried) -> Vec<String> {
+    fn not_visible(&self, hypothesis: &Hypothesis) -> Vec<String> {
         let given = |stage: &Stage| self.theirs(*stage).is_some();
         let Some(last) = Stage::ALL.into_iter().rfind(given) else { return Vec::new() };
         let mistakes = CATALOGUE.iter().filter(|mistake| mistake.stage <= last);
@@ -539,11 +510,15 @@ impl Search<'_> {
         for stage in Stage::ALL.into_iter().filter(given) {
             let shows = |with: &Hypothesis| with.mistakes.last().is_some_and(|last| last.quantity <= stage);
             let (concerned, others): (Vec<_>, Vec<_>) = hidden.into_iter().partition(shows);
-            let found = self.reproducing(concerned, stage, left_out);
+            let found = self.reproducing(concerned, stage);
             hidden = found.into_iter().chain(others).collect();
         }
         hidden.iter().filter_map(|with| with.mistakes.last()).map(|last| last.mistake.name()).collect()
     }
+}
+
+fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn all_agree(ours: &[Number], theirs: &[f64]) -> bool {
@@ -552,10 +527,9 @@ fn all_agree(ours: &[Number], theirs: &[f64]) -> bool {
 
 impl Judged {
     fn new(name: Stage, state: QuantityState, ours: &[Number], theirs: &[f64]) -> Self {
-        let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
         let pairs = || ours.iter().zip(theirs);
-        let difference = largest(&mut pairs().map(|(ours, theirs)| (ours.value - theirs).abs()));
-        let scale = largest(&mut ours.iter().map(|ours| ours.value.abs()));
+        let difference = pairs().map(|(ours, theirs)| (ours.value - theirs).abs()).fold(0.0, f64::max);
+        let scale = ours.iter().map(|ours| ours.value.abs()).fold(0.0, f64::max);
         let relative = if difference == 0.0 { 0.0 } else { difference / scale };
         Self {
             name,

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::keys::{KEYS, Key, whole};
+use super::keys::{KEYS, Key, find, whole};
 
 /// Longest word that is compared with others.
 const MAX_LENGTH: usize = 64;
@@ -52,14 +52,12 @@ pub(crate) fn meanings(word: &str, value: &Value) -> Vec<Vec<String>> {
     // A word behind the name of a group means what it means alone.
     let name = normalised(last(word));
     let mut found: Vec<Vec<String>> = match ALIASES.iter().find(|(alias, _)| *alias == name) {
-        Some((_, meanings)) => {
-            meanings.iter().map(|all| all.split(' ').map(String::from).collect()).collect()
-        }
+        Some((_, all)) => all.iter().map(|one| one.split(' ').map(String::from).collect()).collect(),
         None => KEYS.iter().filter(|key| last(key.path) == name).map(own).collect(),
     };
     let value = whole(value.clone());
     let admits = |setting: &String| {
-        let key = setting.strip_suffix("={}").and_then(|path| KEYS.iter().find(|key| key.path == path));
+        let key = setting.strip_suffix("={}").and_then(find);
         key.is_none_or(|key| key.allowed.admits(&value))
     };
     if found.iter().any(|settings| settings.iter().all(admits)) {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::ConfigError;
-use super::keys::ENVIRONMENT as KEY;
+use super::keys::{ENVIRONMENT as KEY, object};
 use super::layer::{Layer, members_of, misplaced};
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
@@ -21,7 +21,6 @@ use crate::text::{excerpt, shell_line};
 pub(crate) enum EnvironmentConfig {
     /// An environment of this crate.
     Named(EnvironmentId),
-    /// Another program.
     Program(Box<ProgramConfig>),
 }
 
@@ -53,11 +52,9 @@ pub(crate) struct ProgramConfig {
     permission: Permission,
 }
 
-/// What starts the program, to play in it and to ask for its task; none as long as nobody has allowed that.
+/// What starts the program; none as long as nobody has allowed that.
 #[derive(Clone, Default)]
-struct Permission(Option<(Arc<Make>, Arc<AskTask>)>);
-
-type AskTask = dyn Fn() -> Result<Spec, EnvironmentError> + Send + Sync;
+struct Permission(Option<Arc<Make>>);
 
 impl PartialEq for Permission {
     /// A permission is no part of a config.
@@ -73,7 +70,6 @@ impl fmt::Debug for Permission {
 }
 
 impl EnvironmentConfig {
-    /// What is known of the task.
     pub fn spec(&self) -> Result<Spec, EnvironmentError> {
         match self {
             Self::Named(id) => Ok(id.spec()),
@@ -83,12 +79,11 @@ impl EnvironmentConfig {
         }
     }
 
-    /// What makes the environment.
     pub fn make(&self) -> Arc<Make> {
         match self.clone() {
             Self::Named(id) => Arc::new(move |max_steps| id.make(max_steps)),
             Self::Program(program) => match program.permission() {
-                Ok((make, _)) => Arc::clone(make),
+                Ok(make) => Arc::clone(make),
                 Err(refusal) => Arc::new(move |_| Err(refusal.clone())),
             },
         }
@@ -113,37 +108,29 @@ impl EnvironmentConfig {
                 program.task.clone(),
                 show,
             ));
-            let asked = Arc::clone(&programs);
-            program.permission = Permission(Some((
-                Arc::new(move |max_steps| {
-                    Ok(Box::new(crate::env::TimeLimit::new(programs.make()?, max_steps)))
-                }),
-                Arc::new(move || Ok(Spec::clone(&*asked.task()?))),
-            )));
+            program.permission = Permission(Some(Arc::new(move |max_steps| {
+                Ok(Box::new(crate::env::TimeLimit::new(programs.make()?, max_steps)))
+            })));
         }
     }
 
     /// Starts a program that is allowed to, and asks it for its task.
     pub(super) fn ask(&mut self) -> Result<(), EnvironmentError> {
         if let Self::Program(program) = self {
-            let (_, ask) = program.permission()?;
-            program.task = Some(ask()?);
+            let environment = program.permission()?(1)?;
+            program.task = Some(environment.spec().clone());
         }
         Ok(())
     }
 }
 
 impl ProgramConfig {
-    fn new(command: Vec<String>) -> Self {
-        Self { command, processes: 1, timeout_seconds: 60, task: None, permission: Permission::default() }
-    }
-
     /// The beginning of the command, for messages.
     fn name(&self) -> String {
         excerpt(&shell_line(&self.command), 200)
     }
 
-    fn permission(&self) -> Result<&(Arc<Make>, Arc<AskTask>), EnvironmentError> {
+    fn permission(&self) -> Result<&Arc<Make>, EnvironmentError> {
         let refusal = || EnvironmentError::new(&self.name(), "nobody has allowed its program to be started");
         self.permission.0.as_ref().ok_or_else(refusal)
     }
@@ -151,9 +138,7 @@ impl ProgramConfig {
 
 /// The members of a program that have defaults.
 pub(super) fn program_defaults() -> Map<String, Value> {
-    let mut members = super::keys::object(ProgramConfig::new(Vec::new()));
-    members.shift_remove("command");
-    members
+    object(json!({"processes": 1, "timeout_seconds": 60}))
 }
 
 /// Merges the environment. A layer with a name or with a command begins afresh; the other keys of a program change one that

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::{AGENTS, Config};
-use crate::agent::{Exploration, TargetUpdate};
+use crate::agent::{Exploration, Period, TargetUpdate};
 use crate::env::Spec;
 use crate::env::catalogue::EnvironmentId;
 use crate::nn::LearningRateSchedule;
@@ -35,7 +35,7 @@ impl Key {
     }
 }
 
-/// Every key. [`Config::check_combinations`] has the rules that concern several keys.
+/// Every key. `AgentRules` has the rules that concern several keys.
 #[rustfmt::skip]
 pub(super) const KEYS: &[Key] = &[
     Key::new("$schema", Allowed::Text, "", "ignored, for editors"),
@@ -96,6 +96,10 @@ pub(super) const KEYS: &[Key] = &[
     Key::new("stop_when_lasting_steps", Allowed::OrNull(&Allowed::Integer(1, 1_000_000)), "steps", "the run ends when two evaluations in a row solve the task and the policy of the second survives this many steps from each of 100 starts (docs/dqn.md); `null`: no policy ends the run"),
 ];
 
+pub(super) fn find(path: &str) -> Option<&'static Key> {
+    KEYS.iter().find(|key| key.path == path)
+}
+
 /// A key that earlier versions had: the one value with which a config that they recorded still means the same, and what to do
 /// about any other value.
 pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
@@ -104,26 +108,25 @@ pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
     "no network is its own mirror image any more; remove the key, and set `replay.mirror` to true to learn from mirror images",
 )];
 
+/// The members of an alternative, with their defaults.
+pub(super) type Choice = Map<String, Value>;
+
 /// The groups that hold one of several alternatives, each alternative with its defaults. The first alternative of a group
 /// is the group's default. An alternative without keys is null. Alternatives of the same name (their string) differ by
 /// their keys.
-pub(super) fn alternatives() -> [(&'static str, Vec<Map<String, Value>>); 4] {
+pub(super) fn alternatives() -> [(&'static str, Vec<Choice>); 4] {
     let default = Config::default();
     let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995, repeat: 1 };
-    let every_episodes = TargetUpdate::EveryEpisodes(10);
-    let soft = TargetUpdate::Soft { tau: 0.02 };
+    let targets = [
+        TargetUpdate::Soft { tau: 0.02 },
+        TargetUpdate::Hard(Period::EverySteps(500)),
+        TargetUpdate::Hard(Period::EveryEpisodes(10)),
+        TargetUpdate::None,
+    ];
     let schedule = LearningRateSchedule { final_learning_rate: 0.0, steps: 50_000 };
     [
         ("exploration", vec![object(default.agent.exploration()), object(per_episode)]),
-        (
-            "target",
-            vec![
-                object(soft),
-                object(TargetUpdate::EverySteps(500)),
-                object(every_episodes),
-                object(TargetUpdate::None),
-            ],
-        ),
+        ("target", targets.map(object).into()),
         ("budget", vec![object(default.budget), object(Budget::Episodes(500))]),
         ("optimizer.schedule", vec![object(default.agent.learning_rate().schedule), object(schedule)]),
     ]

@@ -9,7 +9,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Map, Value, json};
 
 use super::aliases::{hint, keys_in};
-use super::keys::{Allowed, ENVIRONMENT, KEYS, REMOVED, alternatives, member_of, pointer, whole};
+use super::keys::{Allowed, Choice, ENVIRONMENT, REMOVED, alternatives, find, member_of, pointer, whole};
 use super::{AGENTS, Config, ConfigError};
 use crate::env::Spec;
 use crate::text::excerpt;
@@ -74,19 +74,18 @@ impl Layer {
             None => Ok(()),
             Some(key) => {
                 let has_it = |agent: &&&str| belongs(key, &json!(Config::with_agent(agent)));
-                let others: Vec<_> =
-                    AGENTS.iter().filter(has_it).map(|agent| format!("\"{agent}\"")).collect();
+                let others: Vec<_> = AGENTS.iter().filter(has_it).map(|name| format!("\"{name}\"")).collect();
                 let hint = format!(
                     "it belongs to the agent {}, and `agent` is {} here; a config is for one agent",
                     others.join(" or "),
                     root["agent"]
                 );
-                Err(key_error(&self.origin, "misplaced key", key, hint))
+                Err(misplaced(&self.origin, key, hint))
             }
         }
     }
 
-    /// Checks the layer against [`KEYS`] and leaves only what it sets.
+    /// Checks the layer against the table of keys and leaves only what it sets.
     fn checked(mut self) -> Result<Self, ConfigError> {
         for &(key, neutral, hint) in REMOVED {
             if self.values.remove(key).is_some_and(|value| value != neutral) {
@@ -97,7 +96,7 @@ impl Layer {
             let members = keys_in(&format!("{key}."));
             let is_below = |other: &String| member_of(other, key).is_some();
             let is_empty = || value.is_object() && !self.values.keys().any(is_below);
-            let known = KEYS.iter().find(|known| known.path == key).map(|known| &known.allowed);
+            let known = find(key).map(|known| &known.allowed);
             let allowed = match known {
                 // No name, and no program either.
                 Some(allowed @ Allowed::NameOr(..)) if is_empty() => allowed.to_string(),
@@ -127,17 +126,13 @@ impl Layer {
 /// Merges one group. The last layer that names an alternative, sets the group to null, or sets a key that only one
 /// alternative has, decides. Keys that both alternatives have are kept from lower layers. The other keys of lower layers
 /// are dropped.
-pub(super) fn choose(
-    group: &str,
-    alternatives: &[Map<String, Value>],
-    layers: &[Layer],
-) -> Result<Value, ConfigError> {
+pub(super) fn choose(group: &str, alternatives: &[Choice], layers: &[Layer]) -> Result<Value, ConfigError> {
     let mut chosen = &alternatives[0];
     let mut values = Map::new();
     for Layer { origin, values: layer } in layers {
         let own = members_of(group, layer);
         let is_null = layer.contains_key(group);
-        let same_name = |alternative: &&Map<String, Value>| {
+        let same_name = |alternative: &&Choice| {
             let mut names = alternative.iter().filter(|(_, value)| value.is_string());
             names.all(|(key, name)| own.get(key).or(chosen.get(key)) == Some(name))
                 && (alternative.is_empty() || !is_null)
@@ -168,7 +163,7 @@ pub(super) fn members_of(group: &str, layer: &BTreeMap<String, Value>) -> Map<St
 }
 
 /// Writes the keys of an alternative and its name, for messages: `{"kind": "hard", "every_steps"}`.
-fn shape(alternative: &Map<String, Value>) -> String {
+fn shape(alternative: &Choice) -> String {
     if alternative.is_empty() {
         return "null".into();
     }
@@ -181,7 +176,7 @@ fn shape(alternative: &Map<String, Value>) -> String {
 
 /// Whether an object under this key is not a group of keys.
 fn is_one_value(key: &str) -> bool {
-    KEYS.iter().any(|known| known.path == key && matches!(known.allowed, Allowed::Task))
+    find(key).is_some_and(|known| matches!(known.allowed, Allowed::Task))
 }
 
 /// An object of JSON as a list, because a map would hide a duplicate key.

@@ -36,9 +36,7 @@ pub(crate) use aliases::meanings;
 pub(crate) use difference::difference;
 pub(crate) use environment::EnvironmentConfig;
 pub(crate) use schema::Setting;
-pub use schema::keys;
-pub use schema::markdown_table;
-pub use schema::schema;
+pub use schema::{keys, markdown_table, schema};
 
 /// Largest config that is read, in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
@@ -61,7 +59,6 @@ trait AgentRules {
         Vec::new()
     }
 
-    /// What the task decides.
     fn task_rules(&self, task: &Spec) -> Vec<Rule>;
 
     /// The memory that the agent takes for a task of these sizes.
@@ -89,26 +86,18 @@ struct AgentMemory {
     batch: u64,
 }
 
-/// Everything that decides a run. The fields are the keys of the JSON file.
+/// Everything that decides a run. The fields are the keys of the JSON file, which `keys.rs` explains.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Config {
-    /// Seed of every random stream of the run.
     pub seed: u64,
-    /// The task.
     pub(crate) environment: EnvironmentConfig,
-    /// Steps after which a training episode is truncated; none for the environment's own limit.
     pub max_episode_steps: Option<u32>,
     #[serde(flatten)]
     pub agent: AgentConfig,
-    /// When the run ends.
     pub budget: Budget,
-    /// The greedy evaluations during training.
     pub evaluation: EvaluationConfig,
-    /// How often `checkpoints/last.safetensors` is written.
     pub(crate) checkpoint: CheckpointConfig,
-    /// Whether the run ends at the first evaluation that solves the task.
     pub(crate) stop_when_solved: bool,
-    /// The steps that a policy must last to end the run; none if no policy does.
     pub stop_when_lasting_steps: Option<u32>,
 }
 
@@ -183,14 +172,11 @@ impl Config {
         sets: &[String],
         varied: &[String],
     ) -> Result<Self, ConfigError> {
-        let mut layers = Vec::new();
-        if let Some((name, text)) = file {
-            layers.push(Layer::from_json(name, text)?);
-        }
+        let file = file.map(|(name, text)| Layer::from_json(name, text)).transpose()?;
+        let mut layers: Vec<_> = file.into_iter().collect();
         let options = [("--set", sets), ("--vary", varied)];
         let given = options.into_iter().filter(|(_, sets)| !sets.is_empty());
-        let given =
-            given.map(|(option, sets)| Layer::from_sets(option, sets)).collect::<Result<Vec<_>, _>>()?;
+        let given = given.map(|(name, sets)| Layer::from_sets(name, sets)).collect::<Result<Vec<_>, _>>()?;
         layers.extend(given.into_iter().reduce(|below, above| Layer {
             origin: format!("{} and {}", below.origin, above.origin),
             values: below.values.into_iter().chain(above.values).collect(),
@@ -220,9 +206,6 @@ impl Config {
 
     /// Asks a program that is the environment what its task is, and checks the config against the answer. The config keeps the
     /// answer. An environment of this crate needs no question.
-    ///
-    /// # Errors
-    /// When the program must not or cannot be started, says nothing that can be used, or its task does not fit the config.
     pub(crate) fn ask_task(&mut self) -> Result<(), ConfigError> {
         self.environment.ask()?;
         self.check(&excerpt(&self.environment.command().unwrap_or_default(), 200))
@@ -279,12 +262,10 @@ impl Config {
         })
     }
 
-    /// What makes the run's environment.
     pub fn make(&self) -> Arc<Make> {
         self.environment.make()
     }
 
-    /// The run's agent, for a task.
     pub(crate) fn make_agent(&self, spec: &Spec) -> Box<dyn Agent> {
         self.agent.make(spec.observation_size, spec.num_actions, spec.mirror.as_ref(), self.seed)
     }
@@ -299,7 +280,6 @@ impl Config {
         Trainer::new(self.trainer(), |spec| self.make_agent(spec), make)
     }
 
-    /// What the trainer needs to know.
     pub fn trainer(&self) -> TrainerConfig {
         TrainerConfig {
             seed: self.seed,

@@ -5,7 +5,9 @@ use std::fmt::Write;
 use serde_json::{Map, Value, json};
 
 use super::environment::program_defaults;
-use super::keys::{Allowed, ENVIRONMENT as KEY, KEYS, Key, alternatives, member_of, object, pointer};
+use super::keys::{
+    Allowed, Choice, ENVIRONMENT as KEY, KEYS, Key, alternatives, find, member_of, object, pointer,
+};
 use super::{AGENTS, Config, DQN};
 
 /// The JSON Schema of a config *file*, in which every key may be left out. It allows any value for a path as a key
@@ -52,9 +54,8 @@ fn member(path: &str, default: &Value) -> Value {
         },
         (None, None) => members(&below, default),
         (None, Some((_, shapes))) => {
-            let shapes: Vec<Value> =
-                shapes.iter().map(|shape| alternative(&below, shape, &shapes[0])).collect();
-            json!({"anyOf": shapes})
+            let schema = |shape| alternative(&below, shape, &shapes[0]);
+            json!({"anyOf": shapes.iter().map(schema).collect::<Vec<_>>()})
         }
         // A group that has a line in `KEYS` is null or one object.
         (Some(key), Some((_, shapes))) => {
@@ -65,7 +66,7 @@ fn member(path: &str, default: &Value) -> Value {
 }
 
 /// The schema of one of a group's alternatives. It requires the name unless the first alternative has the same name.
-fn alternative(prefix: &str, shape: &Map<String, Value>, first: &Map<String, Value>) -> Value {
+fn alternative(prefix: &str, shape: &Choice, first: &Choice) -> Value {
     let mut properties = Map::new();
     let mut required = Vec::new();
     for (name, value) in shape {
@@ -81,10 +82,6 @@ fn alternative(prefix: &str, shape: &Map<String, Value>, first: &Map<String, Val
         schema["required"] = json!(required);
     }
     schema
-}
-
-fn find(path: &str) -> Option<&'static Key> {
-    KEYS.iter().find(|key| key.path == path)
 }
 
 fn described(key: &Key, schema: Value, default: &Value) -> Value {
@@ -122,9 +119,7 @@ pub fn markdown_table() -> String {
 
 /// The default of a key. `budget.episodes` has none: a config chooses that alternative only by setting the key.
 fn default_of(path: &str) -> Option<Value> {
-    let names = |shape: &Map<String, Value>| {
-        shape.values().filter(|value| value.is_string()).cloned().collect::<Vec<_>>()
-    };
+    let names = |one: &Choice| one.values().filter(|value| value.is_string()).cloned().collect::<Vec<_>>();
     for (group, shapes) in alternatives() {
         let Some(name) = member_of(path, group) else { continue };
         let shape = shapes.iter().find(|shape| shape.contains_key(name))?;
@@ -140,13 +135,10 @@ fn default_of(path: &str) -> Option<Value> {
 /// One key of a config.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// Its path, `group.name`.
     pub path: &'static str,
-    /// The value in the config.
     pub value: Value,
     /// The value that the key has if no layer sets it.
     pub default: Value,
-    /// What the key decides.
     pub meaning: &'static str,
     /// The allowed values, in words.
     pub allowed: String,
@@ -186,7 +178,7 @@ impl Config {
                 continue;
             };
             let own = object(own);
-            let same_keys = |shape: &Map<String, Value>| shape.keys().eq(own.keys());
+            let same_keys = |shape: &Choice| shape.keys().eq(own.keys());
             let shape = shapes.into_iter().find(same_keys).unwrap_or_default();
             for (name, value) in shape.into_iter().filter(|(_, value)| !value.is_string()) {
                 group[name] = value;

@@ -150,18 +150,12 @@ impl Environment for Acrobot {
     fn scene(&self) -> Option<Scene> {
         const METRE: f64 = Scene::HEIGHT as f64 / (2.0 * REACH);
         const REACH: f64 = 2.0 * LENGTH + 0.2;
-        const HALF_WIDTH: f64 = 0.1 * METRE; // of a link
+        const HALF: f64 = 0.1 * METRE; // of the width of a link
         let [theta1, theta2, ..] = self.state;
         let (x, y) = (f64::from(Scene::WIDTH) / 2.0, f64::from(Scene::HEIGHT) / 2.0);
         let joint = (x + METRE * LENGTH * libm::sin(theta1), y - METRE * LENGTH * libm::cos(theta1));
-        let link = || {
-            Outline::rectangle(Bounds {
-                left: 0.0,
-                right: METRE * LENGTH,
-                bottom: -HALF_WIDTH,
-                top: HALF_WIDTH,
-            })
-        };
+        let link =
+            || Outline::rectangle(Bounds { left: 0.0, right: METRE * LENGTH, bottom: -HALF, top: HALF });
         let line = Outline::Line(vec![(-REACH * METRE, 0.0), (REACH * METRE, 0.0)]);
         let shape = |outline, at, angle, color| Shape { outline, at, angle, color };
         let (upper, lower) = (theta1 - FRAC_PI_2, theta1 + theta2 - FRAC_PI_2);
@@ -175,9 +169,9 @@ impl Environment for Acrobot {
             shapes: vec![
                 shape(line, (x, y + METRE * LENGTH), 0.0, Color::Ink),
                 shape(link(), (x, y), upper, Color::Cyan),
-                shape(Outline::Circle(HALF_WIDTH), (x, y), 0.0, Color::Yellow),
+                shape(Outline::Circle(HALF), (x, y), 0.0, Color::Yellow),
                 shape(link(), joint, lower, Color::Cyan),
-                shape(Outline::Circle(HALF_WIDTH), joint, 0.0, Color::Yellow),
+                shape(Outline::Circle(HALF), joint, 0.0, Color::Yellow),
             ],
         })
     }

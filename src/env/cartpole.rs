@@ -17,16 +17,17 @@ const POLE_MASS_LENGTH: f64 = POLE_MASS * HALF_LENGTH;
 const FORCE: f64 = 10.0; // N
 const TIME_STEP: f64 = 0.02; // s
 const START_RANGE: f64 = 0.05; // every coordinate starts uniformly in ± this
+const MAX_STEPS: u32 = 500;
 
 /// Made once: an evaluation makes an environment for each of its episodes.
 static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
     id: "CartPole-v1".into(),
     observation_size: 4,
     num_actions: 2,
-    max_steps: CartPole::MAX_STEPS,
+    max_steps: MAX_STEPS,
     solved_return: Some(475.0),
-    return_range: (0.0, f64::from(CartPole::MAX_STEPS)),
-    steps_per_second: f64::from(CartPole::STEPS_PER_SECOND),
+    return_range: (0.0, f64::from(MAX_STEPS)),
+    steps_per_second: 50.0,
     actions: ["left", "right"].map(String::from).into(),
     observations: ["x", "ẋ", "θ", "θ̇"].map(String::from).into(),
     // Left and right exchanged: (−s, the other action) leads to −s′.
@@ -45,8 +46,7 @@ static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
 /// The physics without a time limit. Action 0 pushes the cart to the left, 1 to the right.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CartPole {
-    /// Position x in m, velocity in m/s, pole angle θ in rad (0 upright, positive to the right), angular
-    /// velocity in rad/s.
+    /// Position x in m, velocity in m/s, pole angle θ in rad (0 upright, positive to the right), angular velocity in rad/s.
     state: [f64; 4],
 }
 
@@ -55,12 +55,6 @@ impl CartPole {
     pub const MAX_POSITION: f64 = 2.4;
     /// The angle of the pole, in rad, beyond which an episode terminates.
     pub(crate) const MAX_ANGLE: f64 = 12.0 * 2.0 * std::f64::consts::PI / 360.0;
-    /// The length of the pole, in m.
-    pub(crate) const POLE_LENGTH: f64 = 2.0 * HALF_LENGTH;
-    /// Steps after which an episode of CartPole-v1 is truncated.
-    pub(crate) const MAX_STEPS: u32 = 500;
-    /// Steps in a second of simulated time.
-    pub(crate) const STEPS_PER_SECOND: u32 = 50;
 
     /// A cart at the given x, ẋ, θ, θ̇.
     pub fn at(state: [f64; 4]) -> Self {
@@ -69,7 +63,7 @@ impl CartPole {
 
     /// CartPole-v1: the physics under its limit of 500 steps.
     pub fn v1() -> TimeLimit<Self> {
-        TimeLimit::new(Self::default(), Self::MAX_STEPS)
+        TimeLimit::new(Self::default(), MAX_STEPS)
     }
 
     /// One explicit Euler step of the equations of motion (Florian 2007, eqs. 23 and 24, frictionless).
@@ -136,7 +130,7 @@ impl Environment for CartPole {
             Outline::rectangle(Bounds { left: -width / 2.0, right: width / 2.0, bottom, top })
         };
         let cart = rectangle(CART.0, -CART.1 / 2.0 - AXLE, CART.1 / 2.0 - AXLE);
-        let pole = rectangle(POLE_WIDTH, -POLE_WIDTH / 2.0, METRE * Self::POLE_LENGTH - POLE_WIDTH / 2.0);
+        let pole = rectangle(POLE_WIDTH, -POLE_WIDTH / 2.0, METRE * 2.0 * HALF_LENGTH - POLE_WIDTH / 2.0);
         let axle = Outline::Circle(POLE_WIDTH / 2.0);
         let track = Outline::Line(vec![(-CENTER, 0.0), (CENTER, 0.0)]);
         Some(Scene {

@@ -21,15 +21,12 @@ pub enum EnvironmentId {
 }
 
 impl EnvironmentId {
-    /// Every environment's name.
     pub const NAMES: &[&str] = &["CartPole-v1", "Acrobot-v1", "MountainCar-v0"];
 
-    /// The environment of a name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::deserialize(IntoDeserializer::<Error>::into_deserializer(name)).ok()
     }
 
-    /// What is known of the environment.
     pub fn spec(self) -> Spec {
         match self {
             Self::CartPoleV1 => CartPole::default().spec().clone(),
@@ -48,9 +45,6 @@ impl EnvironmentId {
     }
 
     /// The environment, whose episodes are truncated after `max_steps` steps.
-    ///
-    /// # Errors
-    /// When it cannot be made.
     pub fn make(self, max_steps: u32) -> Result<Box<dyn Environment>, EnvironmentError> {
         match self {
             Self::CartPoleV1 => Ok(Box::new(TimeLimit::new(CartPole::default(), max_steps))),

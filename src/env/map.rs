@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 /// One axis of the plane. Values along it are `factor` times the quantity that an observation holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MapAxis {
-    /// What it is called.
     pub name: String,
     /// Its unit, as it is written behind a number; empty if it has none.
     pub(crate) unit: String,
@@ -13,7 +12,6 @@ pub struct MapAxis {
     pub range: (f64, f64),
     /// What the quantity is multiplied by to be shown, for example 180/π.
     pub(crate) factor: f64,
-    /// Where an observation holds it.
     pub(crate) quantity: Quantity,
 }
 
@@ -24,12 +22,7 @@ pub(crate) enum Quantity {
     /// The coordinate of this number.
     Coordinate(usize),
     /// An angle, of which two coordinates are the cosine and the sine.
-    Angle {
-        /// Number of the coordinate that is its cosine.
-        cos: usize,
-        /// Number of the coordinate that is its sine.
-        sin: usize,
-    },
+    Angle { cos: usize, sin: usize },
 }
 
 impl MapAxis {

@@ -44,11 +44,8 @@ pub struct Spec {
     pub solved_return: Option<f64>,
     /// No episode of `max_steps` steps has a return below the first or above the second. A run that failed scores the lowest.
     pub return_range: (f64, f64),
-    /// Steps in a second of simulated time.
     pub steps_per_second: f64,
-    /// What each action is called.
     pub actions: Vec<String>,
-    /// What each coordinate of an observation is called.
     pub observations: Vec<String>,
     /// The mirror image of the task, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -152,7 +149,6 @@ pub enum Start<'a> {
 }
 
 impl Start<'_> {
-    /// Draws a start state.
     pub fn draw<T>(self, draw: impl FnOnce(&mut Rng) -> T) -> T {
         match self {
             Self::Seed(seed) => draw(&mut Rng::from_seed(seed)),
@@ -164,7 +160,6 @@ impl Start<'_> {
 /// What one time step brought, besides the observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
-    /// Reward of the step.
     pub reward: f64,
     /// The task itself has ended: the value of what follows is 0.
     pub terminated: bool,
@@ -173,7 +168,6 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Whether the episode is over, for whichever reason.
     pub fn ended(&self) -> bool {
         self.terminated || self.truncated
     }
@@ -195,7 +189,6 @@ impl EnvironmentError {
 /// A Markov decision process with a finite set of actions, numbered from 0. It must be deterministic: the same start and the
 /// same actions lead to the same observations.
 pub trait Environment: Send {
-    /// What is known of the task.
     fn spec(&self) -> &Spec;
 
     /// Starts a new episode and writes its first observation, `observation_size` numbers.
@@ -230,12 +223,9 @@ pub trait Environment: Send {
     }
 }
 
-/// A picture of pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    /// Pixels in a row.
     pub(crate) width: u16,
-    /// Rows.
     pub(crate) height: u16,
     /// Red, green and blue of each pixel, row by row from the top.
     pub(crate) rgb: Vec<u8>,

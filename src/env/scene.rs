@@ -1,5 +1,7 @@
 //! What an environment looks like at one moment, as shapes. Whoever draws a scene knows nothing of the environment.
 
+use serde::Serialize;
+
 /// A picture of [`Scene::WIDTH`] × [`Scene::HEIGHT`] pixels. Lengths are in pixels; (0, 0) is the lower left corner, and
 /// heights count upwards, as in Gymnasium's renderers.
 ///
@@ -13,9 +15,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Width of the picture in pixels.
     pub(crate) const WIDTH: u16 = 600;
-    /// Height of the picture in pixels.
     pub(crate) const HEIGHT: u16 = 400;
 }
 
@@ -31,7 +31,6 @@ pub struct Shape {
     pub color: Color,
 }
 
-/// The form of a shape.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outline {
     /// A filled polygon with these corners.
@@ -53,46 +52,26 @@ impl Outline {
 /// An area between two vertical and two horizontal lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bounds {
-    /// Smallest x.
     pub(crate) left: f64,
-    /// Largest x.
     pub(crate) right: f64,
-    /// Smallest y.
     pub(crate) bottom: f64,
-    /// Largest y.
     pub(crate) top: f64,
 }
 
 /// The colors of Gymnasium's renderers. A scene has at most five of them on its white ground.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Color {
     /// Black, or white where the ground is dark.
     Ink,
-    /// A light brown.
     Tan,
-    /// A light violet.
     Lavender,
-    /// A greenish blue.
     Cyan,
-    /// A dark yellow.
     Yellow,
-    /// Halfway between black and white.
     Grey,
 }
 
 impl Color {
-    /// The name in lower case.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ink => "ink",
-            Self::Tan => "tan",
-            Self::Lavender => "lavender",
-            Self::Cyan => "cyan",
-            Self::Yellow => "yellow",
-            Self::Grey => "grey",
-        }
-    }
-
     /// Red, green and blue on a white ground.
     pub fn rgb(self) -> [u8; 3] {
         match self {

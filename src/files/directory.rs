@@ -17,9 +17,6 @@ pub struct Directory {
 
 impl Directory {
     /// Opens a directory.
-    ///
-    /// # Errors
-    /// When it cannot be opened or is none.
     pub fn open(path: &Path) -> io::Result<Self> {
         let name = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         Ok(Self { path: path.into(), handle: system::open(name)? })
@@ -59,10 +56,7 @@ impl Directory {
         if system::is_link(&parent.handle, path) { Err(is_a_link(path)) } else { Ok(()) }
     }
 
-    /// Makes a directory; false if it was there.
-    ///
-    /// # Errors
-    /// When it cannot be made, also because something else has its name.
+    /// Makes a directory; false if it was there. Fails where something else has its name.
     pub(crate) fn create_dir(&self, path: &Path) -> io::Result<bool> {
         let parent = self.parent_of(path)?;
         match system::create_dir(&parent.handle, path) {
@@ -82,10 +76,7 @@ impl Directory {
         if file.metadata()?.is_file() { Ok(file) } else { Err(super::not_ordinary()) }
     }
 
-    /// Makes a file.
-    ///
-    /// # Errors
-    /// When it cannot be made, also because something has its name.
+    /// Makes a file. Fails where something has its name.
     pub fn create_file(&self, path: &Path) -> io::Result<File> {
         let parent = self.parent_of(path)?;
         system::create_file(&parent.handle, path).map_err(|error| parent.explained(path, error))
@@ -104,18 +95,15 @@ impl Directory {
     }
 
     /// Removes a file; of a link the link.
-    ///
-    /// # Errors
-    /// When that fails.
     pub fn remove_file(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
-        system::remove_file(&parent.handle, path)
+        system::remove(&parent.handle, path, false)
     }
 
     /// Removes an empty directory.
     pub(crate) fn remove_dir(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
-        system::remove_dir(&parent.handle, path)
+        system::remove(&parent.handle, path, true)
     }
 
     /// Makes the names in the directory of a file last.
@@ -209,12 +197,9 @@ mod system {
         Ok(fs::linkat(directory, name(from), directory, name(to), AtFlags::empty())?)
     }
 
-    pub fn remove_file(directory: &Handle, path: &Path) -> io::Result<()> {
-        Ok(fs::unlinkat(directory, name(path), AtFlags::empty())?)
-    }
-
-    pub(crate) fn remove_dir(directory: &Handle, path: &Path) -> io::Result<()> {
-        Ok(fs::unlinkat(directory, name(path), AtFlags::REMOVEDIR)?)
+    pub(crate) fn remove(directory: &Handle, path: &Path, is_directory: bool) -> io::Result<()> {
+        let flags = if is_directory { AtFlags::REMOVEDIR } else { AtFlags::empty() };
+        Ok(fs::unlinkat(directory, name(path), flags)?)
     }
 
     pub(crate) fn sync(directory: &Handle) -> io::Result<()> {
@@ -278,12 +263,8 @@ mod system {
         fs::hard_link(from, to)
     }
 
-    pub fn remove_file(_: &Handle, path: &Path) -> io::Result<()> {
-        fs::remove_file(path)
-    }
-
-    pub(crate) fn remove_dir(_: &Handle, path: &Path) -> io::Result<()> {
-        fs::remove_dir(path)
+    pub(crate) fn remove(_: &Handle, path: &Path, is_directory: bool) -> io::Result<()> {
+        if is_directory { fs::remove_dir(path) } else { fs::remove_file(path) }
     }
 
     /// Windows opens no directories.

@@ -1,27 +1,14 @@
 //! Adam (Kingma and Ba 2015, algorithm 1) with PyTorch's placement of epsilon.
 
+use super::OptimizerConfig;
 use super::kernels::{AdamCoefficients, Kernels};
-
-/// Settings of [`Adam`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AdamConfig {
-    /// Step size α of the first step, above 0 and at most 1.
-    pub learning_rate: f64,
-    /// Decay of the first moment, 0 ≤ β₁ < 1.
-    pub beta1: f64,
-    /// Decay of the second moment, 0 ≤ β₂ < 1.
-    pub beta2: f64,
-    /// Added to the root of the bias-corrected second moment, 1e-30…1.
-    pub epsilon: f64,
-}
 
 /// The optimiser's state for one flat block of parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam<T> {
-    config: AdamConfig,
+    config: OptimizerConfig,
     /// Step size α of the next step.
     pub learning_rate: f64,
-    /// Steps done.
     pub steps: u64,
     /// m, the running mean of the gradient.
     pub first_moment: Vec<T>,
@@ -31,7 +18,7 @@ pub struct Adam<T> {
 
 impl<T: Kernels> Adam<T> {
     /// An optimiser for `parameters` parameters, before its first step.
-    pub fn new(config: AdamConfig, parameters: usize) -> Self {
+    pub fn new(config: OptimizerConfig, parameters: usize) -> Self {
         Self {
             learning_rate: config.learning_rate,
             config,
@@ -49,7 +36,7 @@ impl<T: Kernels> Adam<T> {
     /// ```
     pub fn step(&mut self, parameters: &mut [T], gradient: &[T]) -> bool {
         self.steps += 1;
-        let AdamConfig { beta1, beta2, epsilon, .. } = self.config;
+        let OptimizerConfig { beta1, beta2, epsilon, .. } = self.config;
         let coefficients = AdamCoefficients {
             beta1: T::from_f64(beta1),
             one_minus_beta1: T::from_f64(1.0 - beta1),

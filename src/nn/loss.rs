@@ -15,7 +15,6 @@ pub enum Loss {
 }
 
 impl Loss {
-    /// The loss of one TD error.
     pub(crate) fn value<T: Float>(self, td_error: T) -> T {
         let half = T::from_f64(0.5);
         match self {

@@ -6,7 +6,6 @@ use super::kernels::scratch_len;
 use super::{Kernels, NetworkConfig};
 use crate::rng::Rng;
 
-/// A network of dense layers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mlp<T> {
     sizes: Vec<usize>,
@@ -42,12 +41,22 @@ impl<T: Kernels> Activations<T> {
         self.layers[0].as_mut_slice().copy_from_slice(input.as_slice());
     }
 
+    /// Copies observations into the first rows of the network's input.
+    pub(crate) fn set_rows<'a>(&mut self, rows: impl Iterator<Item = &'a [T]>) {
+        let batch = self.layers[0].nrows();
+        let input = self.layers[0].as_mut_slice();
+        for (sample, row) in rows.enumerate() {
+            for (value, &feature) in input[sample..].iter_mut().step_by(batch).zip(row) {
+                *value = feature;
+            }
+        }
+    }
+
     /// The network's output, (batch, out).
     pub fn output(&self) -> &DMatrix<T> {
         &self.layers[self.layers.len() - 1]
     }
 
-    /// The outputs of the hidden layers.
     pub(crate) fn hidden(&self) -> &[DMatrix<T>] {
         &self.layers[1..self.layers.len() - 1]
     }
@@ -87,7 +96,6 @@ impl<T: Kernels> Mlp<T> {
         &self.sizes
     }
 
-    /// Number of dense layers.
     pub fn num_layers(&self) -> usize {
         self.sizes.len() - 1
     }
@@ -97,7 +105,6 @@ impl<T: Kernels> Mlp<T> {
         &self.parameters
     }
 
-    /// All parameters, for an optimiser.
     pub fn parameters_mut(&mut self) -> &mut [T] {
         &mut self.parameters
     }

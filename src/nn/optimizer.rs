@@ -2,19 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::AdamConfig;
-
-/// Settings of the optimiser; `config::keys` has their ranges.
+/// Settings of the optimiser; `config::keys` has their meanings and ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimizerConfig {
     /// Adam's step size α; with a schedule the step size of the first step.
     pub learning_rate: f64,
-    /// β₁
     pub beta1: f64,
-    /// β₂
     pub beta2: f64,
-    /// ε of Adam.
     pub epsilon: f64,
     /// See [`clip_norm`].
     pub max_gradient_norm: Option<f64>,
@@ -27,9 +22,7 @@ pub struct OptimizerConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearningRateSchedule {
-    /// Step size from step `steps` on.
     pub final_learning_rate: f64,
-    /// Environment steps from the start of the run.
     pub steps: u64,
 }
 
@@ -58,13 +51,6 @@ impl LearningRate {
 }
 
 impl OptimizerConfig {
-    /// Adam's part.
-    pub fn adam(&self) -> AdamConfig {
-        let Self { learning_rate, beta1, beta2, epsilon, .. } = *self;
-        AdamConfig { learning_rate, beta1, beta2, epsilon }
-    }
-
-    /// Adam's step size and its schedule.
     pub fn learning_rate(&self) -> LearningRate {
         let Self { learning_rate, schedule, .. } = *self;
         LearningRate { learning_rate, schedule }
@@ -76,8 +62,7 @@ pub(crate) fn norm(values: &[f32]) -> f64 {
     values.iter().map(|&value| f64::from(value) * f64::from(value)).sum::<f64>().sqrt()
 }
 
-/// Limits the norm of the gradient (Pascanu, Mikolov and Bengio 2013, algorithm 1) as PyTorch's `clip_grad_norm_`
-/// does:
+/// Limits the norm of the gradient (Pascanu, Mikolov and Bengio 2013, algorithm 1) as PyTorch's `clip_grad_norm_` does:
 ///
 /// ```text
 /// g ← g · min(1, max_norm / (‖g‖ + 1e-6))

@@ -140,7 +140,7 @@ fn shape(Motion { shape, at, angle }: &Motion<'_>) -> Value {
     };
     let pixels = |value: f64| (value * 100.0).round() / 100.0;
     json!({
-        "color": shape.color.name(),
+        "color": shape.color,
         outline: size,
         "x": series(at.iter().map(|at| pixels(at.0))),
         "y": series(at.iter().map(|at| pixels(at.1))),

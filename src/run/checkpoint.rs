@@ -1,5 +1,4 @@
-//! Checkpoints: `.safetensors` files that PyTorch and NumPy users load as they are. docs/checkpoint.md describes
-//! the layout.
+//! Checkpoints: `.safetensors` files that PyTorch and NumPy users load as they are. docs/checkpoint.md describes the layout.
 
 use std::collections::HashMap;
 use std::io::{self, Read};
@@ -12,7 +11,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::agent::Policy;
 use crate::env::Spec;
-use crate::files::{Directory, open_ordinary, read_limited, write_whole};
+use crate::files::{Directory, check_size, open_ordinary, read_limited, read_rest};
 use crate::memory::check_memory;
 use crate::tensors::{TensorError, Tensors, check_count, foreign_format, header_of, sha256};
 use crate::trainer::ResumeError;
@@ -29,7 +28,7 @@ const START: &str = "{\"format_version\":";
 /// Stands for the SHA-256 while that is computed.
 const NO_SHA256: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 /// Largest file that is read, in bytes.
-const MAX_FILE_SIZE: u64 = 1 << 32;
+pub(super) const MAX_FILE_SIZE: u64 = 1 << 32;
 /// Longest JSON header, as the crate `safetensors` has it.
 const MAX_HEADER_SIZE: u64 = 100_000_000;
 
@@ -64,11 +63,10 @@ pub struct CheckpointError {
     pub(crate) problem: CheckpointProblem,
 }
 
-/// See [`CheckpointError`].
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointProblem {
     #[error("cannot be read: {0}")]
-    Unreadable(io::Error),
+    Unreadable(#[from] io::Error),
     #[error("is not a safetensors file, or is cut off or damaged ({0})")]
     NotSafetensors(String),
     #[error("{0}")]
@@ -82,7 +80,7 @@ pub enum CheckpointProblem {
     #[error("has format version {0}; this program reads version {FORMAT_VERSION}")]
     WrongVersion(u32),
     #[error("its metadata is damaged: {0}")]
-    BadHeader(String),
+    BadHeader(#[from] serde_json::Error),
     #[error("holds only a policy and cannot be resumed; `last.safetensors` holds the state of a run")]
     NotResumable,
     #[error(transparent)]
@@ -109,9 +107,9 @@ impl Checkpoint {
     /// Parses the file of a run: as [`Self::read`], without the name of the file in the error.
     pub(super) fn read_unnamed(path: &Path) -> Result<Self, CheckpointProblem> {
         check_header(path)?;
-        let bytes = read_limited(path, MAX_FILE_SIZE).map_err(CheckpointProblem::Unreadable)?;
+        let bytes = read_limited(path, MAX_FILE_SIZE)?;
         // The tensors here, and where they are put.
-        check_memory([bytes.len() as u64; 2]).map_err(CheckpointProblem::Unreadable)?;
+        check_memory([bytes.len() as u64; 2])?;
         Self::from_bytes(&bytes)
     }
 
@@ -122,15 +120,13 @@ impl Checkpoint {
     pub(crate) fn read_from(mut stream: impl Read) -> Result<Self, CheckpointProblem> {
         let mut bytes = Vec::new();
         // The length of the header in 8 bytes, then the header, which is a JSON object.
-        stream.by_ref().take(9).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
+        stream.by_ref().take(9).read_to_end(&mut bytes)?;
         if bytes.last() == Some(&b'{') {
-            stream.take(MAX_FILE_SIZE).read_to_end(&mut bytes).map_err(CheckpointProblem::Unreadable)?;
+            read_rest(stream, &mut bytes, MAX_FILE_SIZE)?;
         }
-        check_size(bytes.len() as u64)?;
         Self::from_bytes(&bytes)
     }
 
-    /// Parses the content of a file.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, CheckpointProblem> {
         let damaged = |error: safetensors::SafeTensorError| no_safetensors(bytes, error.to_string());
         check_count(header_of(bytes)).map_err(CheckpointProblem::NotSafetensors)?;
@@ -138,8 +134,7 @@ impl Checkpoint {
         let tensors = Tensors::from_safetensors(bytes).map_err(damaged)?;
         let metadata = metadata.metadata().clone().unwrap_or_default();
         // Under another name it is a header of ours whose name is damaged.
-        let header =
-            metadata.into_iter().find(|(name, text)| name == METADATA_KEY || text.starts_with(START));
+        let header = metadata.into_iter().find(|(key, text)| key == METADATA_KEY || text.starts_with(START));
         match header {
             Some((name, text)) if name != METADATA_KEY || !is_sealed(bytes, header_length, &text) => {
                 Err(CheckpointProblem::WrongSha256)
@@ -156,23 +151,9 @@ impl Checkpoint {
         Ok(bytes)
     }
 
-    /// Writes a file whole.
-    ///
-    /// # Errors
-    /// When it cannot be written; a file that was there before then still is.
-    pub fn write(&self, path: &Path) -> io::Result<()> {
-        let bytes = self.to_bytes()?;
-        write_whole(path, |file| file.write_all(&bytes))
-    }
-
-    /// As [`Self::write`], below a directory and through no link. The file that was there before stays under the name
+    /// Writes a file whole, below a directory and through no link. The file that was there before stays under the name
     /// `kept`.
-    pub(crate) fn write_below(
-        &self,
-        directory: &Directory,
-        path: &Path,
-        kept: Option<&Path>,
-    ) -> io::Result<()> {
+    pub(crate) fn write_in(&self, directory: &Directory, path: &Path, kept: Option<&Path>) -> io::Result<()> {
         let bytes = self.to_bytes()?;
         directory.write_whole(path, kept, |file| file.write_all(&bytes))
     }
@@ -180,14 +161,13 @@ impl Checkpoint {
     pub fn header<H: DeserializeOwned>(&self) -> Result<H, CheckpointProblem> {
         let text = self.metadata.as_deref().ok_or(CheckpointProblem::NoHeader)?;
         self.version()?;
-        serde_json::from_str(text).map_err(|error| CheckpointProblem::BadHeader(error.to_string()))
+        Ok(serde_json::from_str(text)?)
     }
 
     /// The format's version; none if another program wrote the file.
     pub fn version(&self) -> Result<Option<u32>, CheckpointProblem> {
         let Some(text) = self.metadata.as_deref() else { return Ok(None) };
-        let found: Seal =
-            serde_json::from_str(text).map_err(|error| CheckpointProblem::BadHeader(error.to_string()))?;
+        let found: Seal = serde_json::from_str(text)?;
         match found.format_version {
             FORMAT_VERSION => Ok(Some(FORMAT_VERSION)),
             version => Err(CheckpointProblem::WrongVersion(version)),
@@ -206,20 +186,12 @@ fn no_safetensors(start: &[u8], reason: String) -> CheckpointProblem {
     foreign_format(start).map_or(CheckpointProblem::NotSafetensors(reason), CheckpointProblem::Foreign)
 }
 
-fn check_size(size: u64) -> Result<(), CheckpointProblem> {
-    let too_large = || {
-        let message = format!("larger than {MAX_FILE_SIZE} bytes");
-        CheckpointProblem::Unreadable(io::Error::new(io::ErrorKind::FileTooLarge, message))
-    };
-    if size > MAX_FILE_SIZE { Err(too_large()) } else { Ok(()) }
-}
-
 /// Checks the length of a file against what its header says.
 fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     const LENGTH: usize = size_of::<u64>();
-    let mut file = open_ordinary(path).map_err(CheckpointProblem::Unreadable)?;
-    let size = file.metadata().map_err(CheckpointProblem::Unreadable)?.len();
-    check_size(size)?;
+    let mut file = open_ordinary(path)?;
+    let size = file.metadata()?.len();
+    check_size(size, MAX_FILE_SIZE)?;
     let mut length = [0; LENGTH];
     file.read_exact(&mut length)
         .map_err(|_| CheckpointProblem::NotSafetensors("shorter than 8 bytes".into()))?;
@@ -228,7 +200,7 @@ fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     let data = size.checked_sub(LENGTH as u64).and_then(|rest| rest.checked_sub(length));
     let data = data.filter(|_| length <= MAX_HEADER_SIZE).ok_or_else(|| damaged("its header is too long"))?;
     let mut header = Vec::new();
-    file.take(length).read_to_end(&mut header).map_err(CheckpointProblem::Unreadable)?;
+    file.take(length).read_to_end(&mut header)?;
     check_count(&header).map_err(|problem| damaged(&problem))?;
     let header: Metadata =
         serde_json::from_slice(&header).map_err(|error| damaged(&format!("its header: {error}")))?;
@@ -250,15 +222,12 @@ fn is_sealed(bytes: &[u8], header_length: usize, header: &str) -> bool {
 
 /// Writes the SHA-256 of a file into it, if its header has a place for it.
 pub fn seal(bytes: &mut [u8]) {
-    if let Some(place) = seal_place(bytes) {
+    let Some(start) = bytes.windows(SEAL.len()).position(|window| window == SEAL) else { return };
+    let place = start + SEAL.len()..start + SEAL.len() + NO_SHA256.len();
+    if place.end <= bytes.len() {
         let sha256 = sha256_without(bytes, place.clone());
         bytes[place].copy_from_slice(sha256.as_bytes());
     }
-}
-
-fn seal_place(bytes: &[u8]) -> Option<Range<usize>> {
-    let start = bytes.windows(SEAL.len()).position(|window| window == SEAL)? + SEAL.len();
-    (start + NO_SHA256.len() <= bytes.len()).then_some(start..start + NO_SHA256.len())
 }
 
 /// The SHA-256 of a file in which that place holds zeros.

@@ -81,9 +81,8 @@ impl RunDir {
             // Between the making of the metrics and their lock another process may have made a run, and even ended it.
             if let Ok(directory) = run.directory() {
                 if is_new && !run.config().exists() {
-                    let _ = directory.remove_file(&run.metrics());
-                    let _ = directory.remove_file(&run.init());
-                    let _ = directory.remove_file(&run.about());
+                    let files = [run.metrics(), run.init(), run.about()];
+                    files.iter().for_each(|file| drop(directory.remove_file(file)));
                 }
                 if made_checkpoints {
                     let _ = directory.remove_dir(&run.checkpoints());
@@ -109,19 +108,15 @@ impl RunDir {
         if entries.iter().all(|entry| self.is_of_no_run(entry)) {
             return Ok(Vec::new());
         }
-        match self.replaceable() {
-            Ok(files) if force => Ok(files),
-            Ok(_) => Err(bad(
-                path,
-                "is not empty: it holds a run; choose another --out, --force to replace that run, or resume it: train \
-                 --resume",
-            )),
-            Err(reason) if force => Err(bad(path, reason)),
-            Err(_) => Err(bad(
-                path,
-                "is not empty, and holds no run that --force could replace; choose another --out",
-            )),
-        }
+        let problem = match self.replaceable() {
+            Ok(files) if force => return Ok(files),
+            Err(reason) if force => reason,
+            Ok(_) => "is not empty: it holds a run; choose another --out, --force to replace that run, or resume it: \
+                      train --resume"
+                .into(),
+            Err(_) => "is not empty, and holds no run that --force could replace; choose another --out".into(),
+        };
+        Err(bad(path, problem))
     }
 
     /// Locks the metrics, and makes the file if it is missing; the result says whether it was made.
@@ -145,8 +140,7 @@ impl RunDir {
     pub fn open(path: &Path) -> Result<(Self, Config), RunError> {
         let run = Self::from(path);
         let config = run.read_config()?;
-        let mut files = vec![run.config(), run.about(), run.metrics(), run.summary()];
-        files.extend([run.best(), run.last(), run.previous(), run.init()]);
+        let files = run.files();
         let directories = [run.checkpoints(), run.tensorboard()];
         let is_foreign = |path: &&PathBuf| match path.symlink_metadata() {
             Ok(found) if directories.contains(path) => !found.is_dir(),
@@ -154,17 +148,12 @@ impl RunDir {
             Err(_) => false,
         };
         if let Some(foreign) = files.iter().chain(&directories).find(is_foreign) {
-            let problem = format!(
-                "holds {}, which is a link or not the kind of file that its name promises",
-                foreign.display()
-            );
-            return Err(bad(path, problem));
+            let kind = "which is a link or not the kind of file that its name promises";
+            return Err(bad(path, format!("holds {}, {kind}", foreign.display())));
         }
         if !run.metrics().exists() {
-            return Err(bad(
-                path,
-                format!("has no {METRICS}, so its run cannot be resumed; train again with another --out"),
-            ));
+            let what = "so its run cannot be resumed; train again with another --out";
+            return Err(bad(path, format!("has no {METRICS}, {what}")));
         }
         Ok((run, config))
     }
@@ -188,14 +177,11 @@ impl RunDir {
         }
     }
 
-    /// The config of the run in the directory.
     pub(crate) fn read_config(&self) -> Result<Config, RunError> {
         if !self.path.is_dir() {
             let problem = if self.path.exists() { "is not a directory" } else { "does not exist" };
-            return Err(bad(
-                &self.path,
-                format!("{problem}; give the directory of a run, such as runs/my-run"),
-            ));
+            let expected = "give the directory of a run, such as runs/my-run";
+            return Err(bad(&self.path, format!("{problem}; {expected}")));
         }
         let path = self.config();
         let text = read_text_limited(&path, MAX_BYTES)
@@ -231,13 +217,12 @@ impl RunDir {
         metrics.cut(0)?;
         // Before the config, which makes it a run: no run may lack the weights that it starts with.
         if let Some(init) = init {
-            init.write_below(directory, &self.init(), None)?;
+            init.write_in(directory, &self.init(), None)?;
         }
         self.write_json(&self.about(), &About { config: name.into(), failed: None })?;
         self.write_json(&self.config(), config)
     }
 
-    /// Writes a value whole as indented JSON.
     pub(crate) fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
         self.directory()?.write_json(path, value)
     }
@@ -277,18 +262,10 @@ impl RunDir {
             ));
         }
         let stay = [self.config(), self.metrics()];
-        let go = [
-            self.about(),
-            self.summary(),
-            self.path.join(PROGRESS),
-            self.best(),
-            self.last(),
-            self.previous(),
-            self.init(),
-        ];
+        let parts = [self.checkpoints(), self.tensorboard()];
         let mut entries = Vec::new();
         let mut files = Vec::new();
-        for directory in [&self.path, &self.checkpoints(), &self.tensorboard()] {
+        for directory in [&self.path].into_iter().chain(&parts) {
             if directory.is_dir() {
                 entries.extend(fs::read_dir(directory).map_err(unreadable)?);
             }
@@ -297,14 +274,15 @@ impl RunDir {
             let entry = entry.map_err(unreadable)?;
             let (path, name) = (entry.path(), entry.file_name());
             // A link could lead to the checkpoints of another run.
-            let is_part = path == self.checkpoints() || path == self.tensorboard();
-            if (is_part && !path.is_symlink() && path.is_dir())
-                || (stay.contains(&path) && is_ordinary(&path))
-            {
+            let is_directory = !path.is_symlink() && path.is_dir();
+            if (parts.contains(&path) && is_directory) || (stay.contains(&path) && is_ordinary(&path)) {
                 continue;
             }
-            let is_own = go.contains(&path) || self.is_events(&path) || is_of_a_report(&name);
-            if path.is_dir() || !(is_own || is_unfinished(&name)) || path.is_symlink() {
+            let is_own = self.files().contains(&path)
+                || path == self.path.join(PROGRESS)
+                || self.is_events(&path)
+                || is_of_a_report(&name);
+            if !is_ordinary(&path) || !(is_own || is_unfinished(&name)) {
                 return Err(format!(
                     "holds {}, which is a link or does not belong to a run, and --force replaces only runs; choose another --out",
                     shown(&path)
@@ -313,6 +291,12 @@ impl RunDir {
             files.push(path);
         }
         Ok(files)
+    }
+
+    /// Every file of a run but those for TensorBoard.
+    fn files(&self) -> [PathBuf; 8] {
+        let [best, last, previous] = [self.best(), self.last(), self.previous()];
+        [self.config(), self.about(), self.metrics(), self.summary(), self.init(), best, last, previous]
     }
 
     fn is_events(&self, path: &Path) -> bool {
@@ -338,9 +322,7 @@ impl RunDir {
     /// Records why the run cannot be trained any further, or that it can.
     pub(crate) fn set_failed(&self, failed: Option<String>) -> io::Result<()> {
         match self.read_about() {
-            Some(about) if about.failed != failed => {
-                self.write_json(&self.about(), &About { failed, ..about })
-            }
+            Some(old) if old.failed != failed => self.write_json(&self.about(), &About { failed, ..old }),
             _ => Ok(()),
         }
     }
@@ -385,15 +367,13 @@ pub(crate) fn checkpoint_of(path: &Path) -> Result<PathBuf, RunError> {
     for file in [run.best(), run.last()] {
         match file.metadata() {
             Ok(found) if found.is_file() => return Ok(file),
-            Ok(_) => {}
-            Err(error) if [io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind()) => {
+            Err(error)
+                if ![io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind()) =>
+            {
+                let problem = format!("cannot be searched for a policy: {}: {error}", file.display());
+                return Err(bad(path, problem));
             }
-            Err(error) => {
-                return Err(bad(
-                    path,
-                    format!("cannot be searched for a policy: {}: {error}", file.display()),
-                ));
-            }
+            _ => {}
         }
     }
     if path.join(MANIFEST).is_file() {

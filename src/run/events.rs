@@ -17,8 +17,7 @@ pub(crate) fn read_events(path: &Path, mut take: impl FnMut(Event)) -> io::Resul
     let mut reader = BufReader::new(open_ordinary(path)?);
     let (mut line, mut last_step) = (Vec::new(), 0);
     for number in 1.. {
-        let bad =
-            |problem: String| io::Error::new(io::ErrorKind::InvalidData, format!("line {number} {problem}"));
+        let bad = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("line {number} {what}"));
         line.clear();
         let length = (&mut reader).take(MAX_LINE).read_until(b'\n', &mut line)?;
         if length == 0 || (line.last() != Some(&b'\n') && (length as u64) < MAX_LINE) {

@@ -15,7 +15,6 @@ use crate::trainer::{Evaluation, Progress, Snapshot};
 /// The header of a checkpoint that a run has written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// Environment steps of the run so far.
     pub env_steps: u64,
     /// The latest evaluation; in `best.safetensors` that of the policy itself.
     pub evaluation: Option<Evaluation>,
@@ -44,7 +43,6 @@ pub(crate) fn config_of_checkpoint(config: &Config) -> Value {
 }
 
 impl Checkpoint {
-    /// The checkpoint of a run with this config.
     pub fn of_run(config: &Config, snapshot: Snapshot) -> io::Result<Self> {
         let Snapshot { env_steps, evaluation, progress, tensors } = snapshot;
         let mut header = json!(Header { env_steps, evaluation, config: config.clone(), progress });
@@ -60,7 +58,6 @@ impl Checkpoint {
 pub struct SavedPolicy {
     /// The policy as it is in the file.
     pub policy: Policy,
-    /// See [`Header`].
     pub header: Option<Header>,
 }
 

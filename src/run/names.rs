@@ -8,23 +8,17 @@ pub(crate) const ABOUT: &str = "run.json";
 pub(crate) const METRICS: &str = "metrics.jsonl";
 /// A table of events that earlier versions wrote.
 pub(crate) const PROGRESS: &str = "progress.csv";
-/// What the run came to.
 pub(crate) const SUMMARY: &str = "summary.json";
-/// The directory of the checkpoints.
 pub(crate) const CHECKPOINTS: &str = "checkpoints";
-/// The directory of the event files for TensorBoard.
 pub(crate) const TENSORBOARD: &str = "tensorboard";
 
-/// The checkpoint with the best policy.
 pub(crate) const BEST: &str = "best.safetensors";
-/// The latest checkpoint.
 pub(crate) const LAST: &str = "last.safetensors";
-/// The periodic checkpoint before it.
+/// The periodic checkpoint before the last one.
 pub(crate) const PREVIOUS: &str = "previous.safetensors";
 /// The weights that a run began with, where they were not drawn.
 pub(crate) const INIT: &str = "init.safetensors";
 
-/// What a study is made of.
 pub(crate) const MANIFEST: &str = "study.json";
 
 /// The report of a run or a study, for programs.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::checkpoint::MAX_FILE_SIZE;
 use super::{Checkpoint, RunDir};
 use crate::config::Config;
 use crate::files::read_limited;
@@ -15,16 +16,10 @@ use crate::trainer::{self, CheckpointKind, EndReason, Event, Observer, Summary, 
 
 /// Keeps a run in its directory. As long as the recorder is there, no other process can change the run.
 pub(crate) struct Recorder {
-    dir: RunDir,
-    config: Config,
-    metrics: JsonLines,
-}
-
-impl Recorder {
-    /// Goes on after the events that are in `metrics`.
-    pub(super) fn new(dir: RunDir, config: Config, metrics: JsonLines) -> Self {
-        Self { dir, config, metrics }
-    }
+    pub(super) dir: RunDir,
+    pub(super) config: Config,
+    /// It goes on after the events that are in them.
+    pub(super) metrics: JsonLines,
 }
 
 impl Observer for Recorder {
@@ -42,7 +37,7 @@ impl Observer for Recorder {
         };
         let checkpoint = Checkpoint::of_run(&self.config, due.snapshot());
         let written = checkpoint
-            .and_then(|checkpoint| checkpoint.write_below(self.dir.directory()?, &path, kept.as_deref()));
+            .and_then(|checkpoint| checkpoint.write_in(self.dir.directory()?, &path, kept.as_deref()));
         written.map_err(|error| named(&path, &error))
     }
 }
@@ -51,9 +46,6 @@ impl Observer for Recorder {
 fn named(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("cannot write {}: {error}", path.display()))
 }
-
-/// Largest file of which the summary has the SHA-256, in bytes.
-const MAX_HASHED: u64 = 1 << 32;
 
 /// `summary.json`: the summary of a run, and what it takes to repeat the run.
 #[derive(Serialize)]
@@ -78,14 +70,13 @@ impl RunRecord {
     /// Fields that may differ between equal runs.
     pub(crate) const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
 
-    /// The record of a run in a directory.
     pub fn new(run: &RunDir, trainer: &Trainer, reason: EndReason, wall_seconds: f64) -> Self {
-        let file_sha256 = |path: PathBuf| read_limited(&path, MAX_HASHED).ok().map(|bytes| sha256([bytes]));
+        let sha256_of = |path: PathBuf| read_limited(&path, MAX_FILE_SIZE).ok().map(|bytes| sha256([bytes]));
         Self {
             summary: trainer.summary(reason, wall_seconds),
             mean_return_100: trainer.progress().mean_return_100(),
-            init_sha256: file_sha256(run.init()),
-            config_sha256: file_sha256(run.config()),
+            init_sha256: sha256_of(run.init()),
+            config_sha256: sha256_of(run.config()),
             version: env!("CARGO_PKG_VERSION"),
             git_revision: option_env!("CARTPOLE_DQN_REVISION"),
             cpu_path: kernels::InstructionSet::current().name(),

@@ -10,7 +10,7 @@ use super::{
     Checkpoint, CheckpointError, CheckpointProblem, Header, Recorder, RunDir, RunError, bad, checkpoint_of,
     config_of_checkpoint, unwritable,
 };
-use crate::agent::{Exploration, Policy};
+use crate::agent::Exploration;
 use crate::config::{Config, EnvironmentConfig, difference};
 use crate::nn::LearningRate;
 use crate::text::shown;
@@ -27,11 +27,8 @@ pub(crate) struct Started {
     pub(crate) notes: Vec<String>,
 }
 
-/// What comes of resuming a run.
 pub(crate) enum Resumed {
-    /// The run can be trained.
     Run(Box<Started>),
-    /// The run has ended.
     Ended(Box<EndedRun>),
 }
 
@@ -64,7 +61,7 @@ pub(crate) fn start(
     let mut trainer = config.make_trainer()?;
     let init = init.map(|path| start_from(&checkpoint_of(path)?, &mut trainer)).transpose()?;
     let (dir, metrics) = RunDir::create(path, force, name, config, init.as_ref())?;
-    let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics);
+    let mut recorder = Recorder { dir: dir.clone(), config: config.clone(), metrics };
     // From now on a run without a checkpoint is one that has lost it, however early the process is killed.
     save(&mut trainer, &mut recorder)?;
     Ok(Started { dir, config: config.clone(), trainer, recorder, notes: Vec::new() })
@@ -77,7 +74,7 @@ pub(crate) fn start_again(
     init: Option<&Checkpoint>,
 ) -> Result<(RunDir, Recorder), RunError> {
     let (dir, metrics) = RunDir::create(path, false, "", config, init)?;
-    Ok((dir.clone(), Recorder::new(dir, config.clone(), metrics)))
+    Ok((dir.clone(), Recorder { dir, config: config.clone(), metrics }))
 }
 
 fn save(trainer: &mut Trainer, recorder: &mut dyn Observer) -> Result<(), RunError> {
@@ -109,13 +106,10 @@ fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError
     if trainer.agent_mut().start_from(&policy) {
         Ok(copy)
     } else {
-        let why = match policy {
-            Policy::Network(_) => {
-                "its weights become infinite under the run's `observation_divisors`; give the run divisors nearer to 1"
-            }
-            Policy::Table(_) => {
-                "its table has other edges than that of the run; give the run its `table.bins`"
-            }
+        let why = if policy.network().is_some() {
+            "its weights become infinite under the run's `observation_divisors`; give the run divisors nearer to 1"
+        } else {
+            "its table has other edges than that of the run; give the run its `table.bins`"
         };
         Err(RunError::BadInput(format!("checkpoint {}: {why}", shown(path))))
     }
@@ -155,19 +149,17 @@ pub fn resume(
     let events = trainer.progress().events;
     let failed = |error: io::Error| unwritable(path, error, "");
     if !metrics.cut(events).map_err(failed)? {
-        return Err(bad(
-            path,
-            format!(
-                "has a metrics.jsonl with fewer lines than the {events} that the run had written before its checkpoint; \
-                 restore the file, or train again"
-            ),
-        ));
+        let problem = format!(
+            "has a metrics.jsonl with fewer lines than the {events} that the run had written before its checkpoint; \
+             restore the file, or train again"
+        );
+        return Err(bad(path, problem));
     }
     take_back(&dir, &trainer, falls_back).map_err(failed)?;
     if config != recorded {
         dir.write_json(&dir.config(), &config).map_err(failed)?;
     }
-    let mut recorder = Recorder::new(dir.clone(), config.clone(), metrics);
+    let mut recorder = Recorder { dir: dir.clone(), config: config.clone(), metrics };
     if branches {
         notes.push(format!(
             "from step {steps} on the run follows another schedule. It is now a branch of its own: no single config \
@@ -179,7 +171,6 @@ pub fn resume(
     Ok(Resumed::Run(Box::new(Started { dir, config, trainer, recorder, notes })))
 }
 
-/// Why there is nothing to resume.
 fn why_ended(trainer: &Trainer, reason: EndReason) -> String {
     let (steps, episodes) = (trainer.progress().env_steps, trainer.progress().episodes);
     match reason {
@@ -257,14 +248,14 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
         .then(|| format!("its `stop_when_lasting_steps` is {}, and {} is given", json!(before), json!(now)));
     match other_run(recorded, &config).or(other_end) {
         None => Ok(config),
-        Some(difference) => Err(bad(
-            path,
-            format!(
+        Some(difference) => {
+            let problem = format!(
                 "holds a run with other settings: {difference}. A resumed run can change only its budget, its schedules \
                  (optimizer.schedule, optimizer.learning_rate, a linear exploration) and stop_when_lasting_steps to null; \
                  to train with other settings, start a new run without --resume"
-            ),
-        )),
+            );
+            Err(bad(path, problem))
+        }
     }
 }
 
@@ -300,22 +291,16 @@ fn latest(run: &RunDir, config: &Config, notes: &mut Vec<String>) -> Result<(Tra
         }
         Err(previous) if is_missing(&last.problem) && is_missing(&previous.problem) => {
             let has_metrics = run.metrics().metadata().is_ok_and(|file| file.len() > 0);
-            let found = [
-                ("metrics", has_metrics),
-                ("best", run.best().exists()),
-                ("summary", run.summary().exists()),
-            ];
-            if let Some((found, _)) = found.iter().find(|(_, is_there)| *is_there) {
-                return Err(bad(
-                    run.path(),
-                    format!(
-                        "cannot be resumed: its checkpoints {LAST} and {PREVIOUS} are missing, though the run has begun \
-                         ({found} found). Put one of them back into {}, or train again: --config {} --out another \
-                         directory",
-                        run.checkpoints().display(),
-                        run.config().display()
-                    ),
-                ));
+            let (has_best, has_summary) = (run.best().exists(), run.summary().exists());
+            let parts = [("metrics", has_metrics), ("best", has_best), ("summary", has_summary)];
+            if let Some((found, _)) = parts.iter().find(|(_, is_there)| *is_there) {
+                let problem = format!(
+                    "cannot be resumed: its checkpoints {LAST} and {PREVIOUS} are missing, though the run has begun \
+                     ({found} found). Put one of them back into {}, or train again: --config {} --out another directory",
+                    run.checkpoints().display(),
+                    run.config().display()
+                );
+                return Err(bad(run.path(), problem));
             }
             notes.push("the run has no checkpoint yet, so it starts again at step 0".into());
             Ok((first_step(run, config)?.0, false))

@@ -6,15 +6,13 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::names::{BEST, LAST, PREVIOUS};
+use super::checkpoint::MAX_FILE_SIZE;
+use super::names::{BEST, LAST, METRICS, PREVIOUS};
 use super::{Checkpoint, Header, RunDir, RunError, RunRecord, bad};
 use crate::config::{MAX_BYTES, difference};
 use crate::files::{open_ordinary, read_limited, read_text_limited};
 use crate::tensors::sha256;
 
-/// Largest checkpoint and summary that are read, in bytes.
-const MAX_CHECKPOINT: u64 = 1 << 32;
-const MAX_SUMMARY: u64 = 1 << 20;
 /// Bytes of a line that are compared at a time, and characters that are shown.
 const MAX_LINE: u64 = 1 << 20;
 const SHOWN: usize = 300;
@@ -29,8 +27,9 @@ pub(crate) struct Extent {
 
 /// The differences between the metrics and checkpoints of a run and of its repetition.
 pub(crate) fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Result<Vec<String>, RunError> {
+    let read = |path: &Path| read_limited(path, MAX_FILE_SIZE);
     let mut differences = Vec::new();
-    differences.extend(compare_lines("metrics.jsonl", &run.metrics(), &again.metrics(), extent.lines)?);
+    differences.extend(compare_lines(&run.metrics(), &again.metrics(), extent.lines)?);
     for name in [BEST, LAST, PREVIOUS] {
         let (path, repeated) = (run.checkpoints().join(name), again.checkpoints().join(name));
         if name == BEST && extent.env_steps.is_some_and(|last| step_of(&path).is_some_and(|step| step > last))
@@ -38,16 +37,15 @@ pub(crate) fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Re
             continue;
         }
         // A process that was killed as it wrote the next one leaves the last one under both names.
-        let is_last =
-            || read_limited(&path, MAX_CHECKPOINT).ok() == read_limited(&run.last(), MAX_CHECKPOINT).ok();
+        let is_last = || read(&path).ok() == read(&run.last()).ok();
         if name == PREVIOUS && extent.env_steps.is_some() && is_last() {
             continue;
         }
-        let problem = match (read_limited(&path, MAX_CHECKPOINT), repeated.exists()) {
+        let problem = match (read(&path), repeated.exists()) {
             (Err(error), false) if error.kind() == io::ErrorKind::NotFound => continue,
             (Err(error), _) => error.to_string(),
             (Ok(_), false) => "there should be none".into(),
-            (Ok(bytes), true) => match read_limited(&repeated, MAX_CHECKPOINT).map_err(failed)? {
+            (Ok(bytes), true) => match read(&repeated).map_err(failed)? {
                 expected if expected == bytes => continue,
                 _ => Checkpoint::from_bytes(&bytes).err().map_or("other content".into(), |e| e.to_string()),
             },
@@ -58,12 +56,7 @@ pub(crate) fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Re
 }
 
 /// The first of so many lines that differs.
-fn compare_lines(
-    name: &str,
-    recorded: &Path,
-    repeated: &Path,
-    count: u64,
-) -> Result<Option<String>, RunError> {
+fn compare_lines(recorded: &Path, repeated: &Path, count: u64) -> Result<Option<String>, RunError> {
     let open = |path| open_ordinary(path).map(BufReader::new).map_err(failed);
     let line = |file: &mut BufReader<File>| {
         let mut line = Vec::new();
@@ -74,7 +67,7 @@ fn compare_lines(
         match (line(&mut recorded)?, line(&mut repeated)?) {
             (a, b) if a != b => {
                 let (a, b) = (shown(&a), shown(&b));
-                let text = format!("{name}, first at line {number}:\n  recorded {a}\n  repeated {b}");
+                let text = format!("{METRICS}, first at line {number}:\n  recorded {a}\n  repeated {b}");
                 return Ok(Some(text));
             }
             (a, _) if a.is_empty() => break,
@@ -99,12 +92,12 @@ fn step_of(best: &Path) -> Option<u64> {
 pub(crate) fn read_summary(run: &RunDir) -> Result<Value, RunError> {
     let unreadable =
         |error: io::Error| bad(run.path(), format!("has a summary.json that cannot be read: {error}"));
-    let text = read_text_limited(&run.summary(), MAX_SUMMARY).map_err(unreadable)?;
+    let text = read_text_limited(&run.summary(), MAX_BYTES).map_err(unreadable)?;
     let summary: Value = serde_json::from_str(&text).map_err(|error| unreadable(error.into()))?;
     let files = [
         ("config_sha256", run.config(), MAX_BYTES),
         // None in the summary and no file where the first weights were drawn.
-        ("init_sha256", run.init(), MAX_CHECKPOINT),
+        ("init_sha256", run.init(), MAX_FILE_SIZE),
     ];
     for (field, path, max_bytes) in files {
         let found = match read_limited(&path, max_bytes) {

@@ -251,7 +251,7 @@ impl Keeper<'_> {
         let mut checkpoint = Checkpoint::new(&TrialHeader { settings, progress, evaluations })?;
         checkpoint.tensors = snapshot.tensors;
         let made = path.parent().map_or(Ok(false), |parent| directory.create_dir(parent));
-        let written = made.and_then(|_| checkpoint.write_below(directory, path, None));
+        let written = made.and_then(|_| checkpoint.write_in(directory, path, None));
         written.map_err(|error| {
             io::Error::new(error.kind(), format!("cannot write {}: {error}", shown(path)))
         })?;

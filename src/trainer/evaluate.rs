@@ -9,7 +9,7 @@ use std::thread;
 use serde::Serialize;
 
 use super::EVALUATION_SEED;
-use crate::agent::{Actor, Played, Policy, Probes, Random};
+use crate::agent::{Actor, Greedy, Played, Policy, Probes, Random};
 use crate::env::scene::Scene;
 use crate::env::{Environment, EnvironmentError, Make, Outcome, Start};
 use crate::rng::{Rng, Stream};
@@ -35,7 +35,7 @@ pub fn evaluate(
     episodes: u64,
     gamma: f64,
 ) -> Result<Vec<Played>, EnvironmentError> {
-    play_all(policy, make, max_steps, (first_seed, episodes), gamma, Play::Greedily)
+    Play { policy, make, max_steps, gamma, is_test: false }.episodes(first_seed, episodes)
 }
 
 /// Whether a policy, played from [`LASTING_EPISODES`] starts, lasts `steps` steps from each: no episode terminates, and none is cut
@@ -45,84 +45,109 @@ pub fn evaluate(
 /// itself reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of
 /// the evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
 pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Result<bool, EnvironmentError> {
-    let played = play_all(policy, make, steps, (EVALUATION_SEED, LASTING_EPISODES), 1.0, Play::AsTest)?;
+    let test = Play { policy, make, max_steps: steps, gamma: 1.0, is_test: true };
+    let played = test.episodes(EVALUATION_SEED, LASTING_EPISODES)?;
     Ok(played.iter().all(|episode| !episode.terminated && episode.steps >= u64::from(steps)))
 }
 
-/// How episodes are played.
-#[derive(Clone, Copy, PartialEq)]
-enum Play {
-    Greedily,
-    /// See [`lasts`]. Episodes after the first termination may be missing, or stop where they are.
-    AsTest,
-}
-
-impl Play {
-    fn ends_with(self, episode: &Played) -> bool {
-        self == Self::AsTest && episode.terminated
-    }
-}
-
-/// Plays `episodes` episodes, from the seed `first_seed` and those after it.
-fn play_all(
-    policy: &Policy,
-    make: &Make,
+/// What episodes are played with.
+struct Play<'a> {
+    policy: &'a Policy,
+    make: &'a Make,
     max_steps: u32,
-    (first_seed, episodes): (u64, u64),
     gamma: f64,
-    how: Play,
-) -> Result<Vec<Played>, EnvironmentError> {
-    let some = |episodes: Range<u64>| {
-        let seeds = episodes.map(|episode| first_seed.wrapping_add(episode));
-        lockstep(policy, make, max_steps, seeds, gamma, how)
-    };
-    if let Some(processes) = make(max_steps)?.processes() {
-        return in_processes(processes, episodes, how, |episode| Ok(some(episode..episode + 1)?.remove(0)));
-    }
-    let mut played = Vec::new();
-    for start in (0..episodes).step_by(LOCKSTEP as usize) {
-        played.extend(some(start..episodes.min(start + LOCKSTEP))?);
-    }
-    Ok(played)
+    /// See [`lasts`]. Episodes after the first termination may be missing, or stop where they are.
+    is_test: bool,
 }
 
-/// Plays so many episodes, each with `play`, up to `processes` at the same time. Who plays which one changes nothing.
-fn in_processes(
-    processes: usize,
-    episodes: u64,
-    how: Play,
-    play: impl Fn(u64) -> Result<Played, EnvironmentError> + Sync,
-) -> Result<Vec<Played>, EnvironmentError> {
-    let next = AtomicU64::new(0);
-    let ended = Mutex::new(BTreeMap::new());
-    let play_on = || {
-        loop {
-            let episode = next.fetch_add(1, Ordering::Relaxed);
-            if episode >= episodes {
+impl Play<'_> {
+    fn ends_with(&self, episode: &Played) -> bool {
+        self.is_test && episode.terminated
+    }
+
+    /// Plays `episodes` episodes, from the seed `first_seed` and those after it.
+    fn episodes(&self, first_seed: u64, episodes: u64) -> Result<Vec<Played>, EnvironmentError> {
+        let some = |episodes: Range<u64>| self.lockstep(episodes.map(|i| first_seed.wrapping_add(i)));
+        if let Some(processes) = (self.make)(self.max_steps)?.processes() {
+            return self.in_processes(processes, episodes, |i| Ok(some(i..i + 1)?.remove(0)));
+        }
+        let mut played = Vec::new();
+        for start in (0..episodes).step_by(LOCKSTEP as usize) {
+            played.extend(some(start..episodes.min(start + LOCKSTEP))?);
+        }
+        Ok(played)
+    }
+
+    /// Plays so many episodes, each with `play`, up to `processes` at the same time. Who plays which one changes nothing.
+    fn in_processes(
+        &self,
+        processes: usize,
+        episodes: u64,
+        play: impl Fn(u64) -> Result<Played, EnvironmentError> + Sync,
+    ) -> Result<Vec<Played>, EnvironmentError> {
+        let next = AtomicU64::new(0);
+        let ended = Mutex::new(BTreeMap::new());
+        let play_on = || {
+            while let episode = next.fetch_add(1, Ordering::Relaxed)
+                && episode < episodes
+            {
+                let played = play(episode);
+                if played.as_ref().map_or(true, |played| self.ends_with(played)) {
+                    next.store(episodes, Ordering::Relaxed);
+                }
+                ended.lock().unwrap_or_else(PoisonError::into_inner).insert(episode, played);
+            }
+        };
+        thread::scope(|scope| {
+            (1..processes.min(episodes as usize)).for_each(|_| drop(scope.spawn(play_on)));
+            play_on();
+        });
+        // Up to the first one that ends the test or fails: which others were played is chance.
+        let mut all = Vec::new();
+        for episode in ended.into_inner().unwrap_or_else(PoisonError::into_inner).into_values() {
+            all.push(episode?);
+            if all.last().is_some_and(|last| self.ends_with(last)) {
                 break;
             }
-            let played = play(episode);
-            if played.as_ref().map_or(true, |played| how.ends_with(played)) {
-                next.store(episodes, Ordering::Relaxed);
-            }
-            ended.lock().unwrap_or_else(PoisonError::into_inner).insert(episode, played);
         }
-    };
-    thread::scope(|scope| {
-        (1..processes.min(episodes as usize)).for_each(|_| drop(scope.spawn(play_on)));
-        play_on();
-    });
-    // Up to the first one that ends the test or fails: which others were played is chance.
-    let mut all = Vec::new();
-    for episode in ended.into_inner().unwrap_or_else(PoisonError::into_inner).into_values() {
-        let episode = episode?;
-        let is_last = how.ends_with(&episode);
-        all.push(episode);
-        if is_last {
-            break;
-        }
+        Ok(all)
     }
-    Ok(all)
+
+    fn lockstep(&self, seeds: impl Iterator<Item = u64>) -> Result<Vec<Played>, EnvironmentError> {
+        let mut playing = Vec::new();
+        for (index, seed) in seeds.enumerate() {
+            let mut environment = (self.make)(self.max_steps)?;
+            let mut observation = vec![0.0; environment.spec().observation_size];
+            environment.reset(Start::Seed(seed), &mut observation)?;
+            let is_disturbed = self.is_test && seed % 2 == 1;
+            let rng = is_disturbed.then(|| Rng::spawn(seed, Stream::Explore));
+            playing.push(Playing { index, environment, observation, rng });
+        }
+        let mut played = vec![Played::default(); playing.len()];
+        let mut greedy = self.policy.greedy(playing.len());
+        let (mut discount, mut failed) = (1.0, None);
+        while !playing.is_empty() {
+            // Ended episodes stay in the batch. It is rebuilt when half of it has ended.
+            if playing.len() <= greedy.batch() / 2 {
+                greedy = self.policy.greedy(playing.len());
+            }
+            greedy.forward_batch(playing.iter().map(|episode| &episode.observation[..]));
+            let mut place = 0;
+            playing.retain_mut(|episode| {
+                let outcome = episode.step(&greedy, place, discount, &mut played[episode.index]);
+                place += 1;
+                outcome.map_err(|error| failed = Some(error)).is_ok_and(|outcome| !outcome.ended())
+            });
+            if let Some(error) = failed {
+                return Err(error);
+            }
+            if played.iter().any(|episode| self.ends_with(episode)) {
+                break;
+            }
+            discount *= self.gamma;
+        }
+        Ok(played)
+    }
 }
 
 /// An episode that is being played.
@@ -132,6 +157,29 @@ struct Playing {
     observation: Vec<f32>,
     /// Of the random actions in a test.
     rng: Option<Rng>,
+}
+
+impl Playing {
+    /// One step with the action at a place of the batch, or a random one.
+    fn step(
+        &mut self,
+        greedy: &Greedy,
+        place: usize,
+        discount: f64,
+        played: &mut Played,
+    ) -> Result<Outcome, EnvironmentError> {
+        let spec = self.environment.spec();
+        let (num_actions, scored_steps) = (spec.num_actions as u64, u64::from(spec.max_steps));
+        let disturbing = self.rng.as_mut().and_then(|rng| (rng.unit() <= LASTING_EPSILON).then_some(rng));
+        let random = disturbing.map(|rng| rng.below(num_actions) as usize);
+        let action = random.unwrap_or_else(|| greedy.action(place));
+        if played.steps == 0 {
+            played.expected = greedy.q_value(place, action);
+        }
+        let outcome = self.environment.step(action, &mut self.observation)?;
+        played.count(outcome, scored_steps, discount);
+        Ok(outcome)
+    }
 }
 
 impl Played {
@@ -144,66 +192,6 @@ impl Played {
         self.steps += 1;
         self.terminated = outcome.terminated;
     }
-}
-
-fn lockstep(
-    policy: &Policy,
-    make: &Make,
-    max_steps: u32,
-    seeds: impl Iterator<Item = u64>,
-    gamma: f64,
-    play: Play,
-) -> Result<Vec<Played>, EnvironmentError> {
-    let mut playing = Vec::new();
-    for (index, seed) in seeds.enumerate() {
-        let mut environment = make(max_steps)?;
-        let mut observation = vec![0.0; environment.spec().observation_size];
-        environment.reset(Start::Seed(seed), &mut observation)?;
-        let is_disturbed = play == Play::AsTest && seed % 2 == 1;
-        let rng = is_disturbed.then(|| Rng::spawn(seed, Stream::Explore));
-        playing.push(Playing { index, environment, observation, rng });
-    }
-    let mut played = vec![Played::default(); playing.len()];
-    let mut greedy = policy.greedy(playing.len());
-    let scored_steps = playing.first().map_or(0, |first| u64::from(first.environment.spec().max_steps));
-    let num_actions = playing.first().map_or(1, |first| first.environment.spec().num_actions as u64);
-    let mut discount = 1.0;
-    let mut failed = None;
-    while !playing.is_empty() {
-        // Ended episodes stay in the batch. It is rebuilt when half of it has ended.
-        if playing.len() <= greedy.batch() / 2 {
-            greedy = policy.greedy(playing.len());
-        }
-        greedy.forward_batch(playing.iter().map(|episode| &episode.observation[..]));
-        let mut place = 0;
-        playing.retain_mut(|Playing { index, environment, observation, rng }| {
-            let disturbing = rng.as_mut().and_then(|rng| (rng.unit() <= LASTING_EPSILON).then_some(rng));
-            let random = disturbing.map(|rng| rng.below(num_actions) as usize);
-            let action = random.unwrap_or_else(|| greedy.action(place));
-            let played = &mut played[*index];
-            if played.steps == 0 {
-                played.expected = greedy.q_value(place, action);
-            }
-            place += 1;
-            let outcome = match environment.step(action, observation) {
-                Ok(outcome) => outcome,
-                Err(error) => {
-                    failed = Some(error);
-                    return false;
-                }
-            };
-            played.count(outcome, scored_steps, discount);
-            !outcome.ended()
-        });
-        if let Some(error) = failed {
-            return Err(error);
-        }
-        if played.iter().any(|episode| play.ends_with(episode)) {
-            break;
-        }
-        discount *= gamma;
-    }
-    Ok(played)
 }
 
 /// A moment of an episode that is being played.
@@ -270,22 +258,16 @@ pub struct Recording {
     pub(crate) frames: Vec<Frame>,
     /// The undiscounted return.
     pub total: f64,
-    /// Whether the task itself ended it.
     pub terminated: bool,
 }
 
-/// One moment of an episode.
+/// One moment of an episode, with what [`Moment`] has.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Frame {
-    /// The environment's state, or the observation of one that shows none.
     pub state: Vec<f64>,
-    /// What the agent saw.
     pub observation: Vec<f32>,
-    /// What the environment looks like; none if it has no picture.
     pub(crate) scene: Option<Scene>,
-    /// The action that was taken in it; none at the end.
     pub action: Option<usize>,
-    /// The Q-values on which it was taken; empty at the end.
     pub(crate) q_values: Vec<f32>,
 }
 
@@ -312,15 +294,12 @@ pub fn record(
 pub struct Score {
     /// Number of returns, at least 1.
     pub episodes: u64,
-    /// Their mean.
     pub mean: f64,
     /// Their population standard deviation.
     pub std: f64,
-    /// The smallest.
     pub min: f64,
     /// The middle one, or the mean of the two in the middle.
     pub median: f64,
-    /// The largest.
     pub max: f64,
 }
 
@@ -332,9 +311,8 @@ impl Score {
         let variance = returns.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / count;
         let mut sorted = returns.to_vec();
         sorted.sort_by(f64::total_cmp);
-        let middle = sorted.len() / 2;
-        let median =
-            if sorted.len() % 2 == 1 { sorted[middle] } else { (sorted[middle - 1] + sorted[middle]) / 2.0 };
+        let middle = (returns.len() - 1) / 2;
+        let median = (sorted[middle] + sorted[returns.len() / 2]) / 2.0;
         Self {
             episodes: returns.len() as u64,
             mean,
@@ -345,8 +323,7 @@ impl Score {
         }
     }
 
-    /// Half the width of the 95 % interval of the mean over episodes, 1.96 standard errors; `None` for one
-    /// episode.
+    /// Half the width of the 95 % interval of the mean over episodes, 1.96 standard errors; `None` for one episode.
     pub fn interval(&self) -> Option<f64> {
         let count = self.episodes as f64;
         (self.episodes > 1).then(|| 1.96 * self.std * (count / (count - 1.0)).sqrt() / count.sqrt())

@@ -9,7 +9,6 @@ use crate::agent::NamedNumbers;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// A training episode ended.
     Episode {
         env_steps: u64,
         /// Number of the episode, from 0.
@@ -27,7 +26,6 @@ pub enum Event {
         loss: Option<f64>,
         updates: u64,
     },
-    /// The greedy policy was evaluated.
     Evaluation {
         env_steps: u64,
         /// Episodes of the evaluation; the numbers below are of their returns.
@@ -55,7 +53,6 @@ pub enum Event {
 }
 
 impl Event {
-    /// Environment steps of the run so far.
     pub(crate) fn env_steps(&self) -> u64 {
         match *self {
             Self::Episode { env_steps, .. }
@@ -66,11 +63,9 @@ impl Event {
     }
 }
 
-/// Why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndReason {
-    /// The budget is used up.
     Budget,
     /// An evaluation solved the task, and `stop_when_solved` is set.
     Solved,

@@ -17,19 +17,11 @@ use crate::env::{EnvironmentError, Make, Spec};
 use crate::tensors::{TensorError, Tensors};
 use episode::TrainingEpisode;
 
-pub use evaluate::LASTING_EPISODES;
-pub use evaluate::LASTING_EPSILON;
-pub use evaluate::Score;
-pub use evaluate::evaluate;
-pub use evaluate::lasts;
-pub use evaluate::record;
 pub(crate) use evaluate::{Frame, Recording, play};
-pub use event::EndReason;
-pub use event::Event;
-pub use observer::CheckpointKind;
-pub use observer::DueCheckpoint;
+pub use evaluate::{LASTING_EPISODES, LASTING_EPSILON, Score, evaluate, lasts, record};
+pub use event::{EndReason, Event};
 pub(crate) use observer::Fanout;
-pub use observer::Observer;
+pub use observer::{CheckpointKind, DueCheckpoint, Observer};
 pub use progress::Evaluation;
 pub(crate) use progress::{Progress, Summary};
 pub use settings::Budget;
@@ -40,7 +32,6 @@ pub const EVALUATION_SEED: u64 = 1_000_000;
 /// Gymnasium seed of the first episode that scores a policy: not those that chose the best.
 pub const SCORE_SEED: u64 = 2_000_000;
 
-/// Why a run failed.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     #[error("training diverged: at environment step {env_steps} {what} became NaN or infinite")]
@@ -54,7 +45,6 @@ pub enum TrainError {
     Environment(#[from] EnvironmentError),
 }
 
-/// Why a run cannot be resumed.
 #[derive(Debug, thiserror::Error)]
 pub enum ResumeError {
     #[error(transparent)]
@@ -77,7 +67,6 @@ pub struct Snapshot {
     pub env_steps: u64,
     /// The latest evaluation; for the best policy its own.
     pub evaluation: Option<Evaluation>,
-    /// The counters of the run.
     pub progress: Option<Progress>,
     /// The policy in the tensors without a prefix, and what [`Trainer::resume`] needs.
     pub tensors: Tensors,
@@ -207,8 +196,7 @@ impl Trainer {
         let played = evaluate(&policy, &*self.make, self.spec.max_steps, EVALUATION_SEED, episodes, gamma)?;
         let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());
         let is_better = self.progress.best_evaluation.is_none_or(|best| score.mean > best.mean);
-        let mean_length =
-            played.iter().map(|episode| episode.steps as f64).sum::<f64>() / played.len() as f64;
+        let mean_length = played.iter().map(|one| one.steps as f64).sum::<f64>() / played.len() as f64;
         let solved = self.spec.is_solved_by(score.mean);
         if solved && self.ends_with(&policy)? {
             self.progress.lasting_at_step = Some(self.progress.env_steps);
@@ -235,28 +223,22 @@ impl Trainer {
     /// lasts. A last evaluation at a step at which a longer run would have none does not count.
     fn ends_with(&self, policy: &Policy) -> Result<bool, EnvironmentError> {
         let Progress { env_steps, last_evaluation, .. } = self.progress;
+        let is_due = env_steps.is_multiple_of(self.config.evaluation.every_steps);
+        let was_solved = last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean));
         match self.config.stop_when_lasting_steps {
-            Some(steps)
-                if env_steps.is_multiple_of(self.config.evaluation.every_steps)
-                    && last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean)) =>
-            {
-                lasts(policy, &*self.make, steps)
-            }
+            Some(steps) if is_due && was_solved => lasts(policy, &*self.make, steps),
             _ => Ok(false),
         }
     }
 
     /// Offers the best policy to the observer, unless the observer has it.
     pub fn save_best(&mut self, observer: &mut dyn Observer) -> Result<(), TrainError> {
-        if self.best_is_saved {
-            return Ok(());
-        }
-        let best = self.best_policy.iter().zip(self.progress.best_evaluation).next();
-        if let Some((policy, evaluation)) = best {
+        if !self.best_is_saved
+            && let (Some(policy), Some(evaluation)) = (&self.best_policy, self.progress.best_evaluation)
+        {
             let snapshot = || {
-                let mut tensors = Tensors::default();
+                let (env_steps, mut tensors) = (evaluation.env_steps, Tensors::default());
                 policy.save("", &mut tensors);
-                let Evaluation { env_steps, .. } = evaluation;
                 Snapshot { env_steps, evaluation: Some(evaluation), progress: None, tensors }
             };
             let checkpoint = DueCheckpoint { kind: CheckpointKind::Best, snapshot: &snapshot };
@@ -329,12 +311,10 @@ impl Trainer {
         self.progress.branched_at_step = Some(self.progress.env_steps);
     }
 
-    /// Whether the run is already past its budget.
     pub(crate) fn is_past_budget(&self) -> bool {
         self.progress.exceeds(self.config.budget)
     }
 
-    /// Why the run is over, if it is.
     pub fn end_reason(&self) -> Option<EndReason> {
         let TrainerConfig { budget, stop_when_solved, stop_when_lasting_steps, .. } = self.config;
         if stop_when_solved && self.progress.solved_at_step.is_some() {
@@ -352,17 +332,14 @@ impl Trainer {
         observer.event(event).map_err(|source| TrainError::Event { env_steps, source })
     }
 
-    /// The run's settings.
     pub fn config(&self) -> &TrainerConfig {
         &self.config
     }
 
-    /// What is known of the run's task.
     pub fn spec(&self) -> &Spec {
         &self.spec
     }
 
-    /// How far the run is.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
@@ -372,17 +349,14 @@ impl Trainer {
         self.best_policy.as_ref()
     }
 
-    /// The agent as it is now.
     pub fn agent(&self) -> &dyn Agent {
         &*self.agent
     }
 
-    /// The agent, to be changed.
     pub(crate) fn agent_mut(&mut self) -> &mut dyn Agent {
         &mut *self.agent
     }
 
-    /// The summary of the run.
     pub fn summary(&self, end_reason: EndReason, wall_seconds: f64) -> Summary {
         let Progress { env_steps, episodes, updates, solved_at_step, branched_at_step, .. } = self.progress;
         Summary {

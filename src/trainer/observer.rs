@@ -7,7 +7,6 @@ use crate::agent::Policy;
 
 /// Takes what happens in a run. An error ends the run.
 pub trait Observer {
-    /// Takes one event.
     fn event(&mut self, event: &Event) -> io::Result<()>;
 
     /// Sees the policy of an evaluation, before its event.
@@ -44,7 +43,6 @@ pub enum CheckpointKind {
     },
 }
 
-/// Keeps the events.
 impl Observer for Vec<Event> {
     fn event(&mut self, event: &Event) -> io::Result<()> {
         self.push(event.clone());
@@ -52,7 +50,6 @@ impl Observer for Vec<Event> {
     }
 }
 
-/// Every observer in turn.
 #[derive(Default)]
 pub(crate) struct Fanout<'a>(pub Vec<Box<dyn Observer + 'a>>);
 

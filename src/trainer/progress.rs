@@ -18,26 +18,21 @@ pub struct Evaluation {
     pub mean: f64,
 }
 
-/// The counters of a run.
+/// The counters of a run: environment steps, complete episodes, gradient steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Environment steps.
     pub env_steps: u64,
-    /// Complete episodes.
     pub episodes: u64,
-    /// Gradient steps.
     pub updates: u64,
     /// The best evaluation so far, the latest of equals.
     pub best_evaluation: Option<Evaluation>,
-    /// The latest evaluation.
     pub last_evaluation: Option<Evaluation>,
     /// Environment steps before the first evaluation that solved the task.
     pub solved_at_step: Option<u64>,
     /// Environment steps before the first evaluation whose policy lasts, where the run looks for one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) lasting_at_step: Option<u64>,
-    /// Environment steps after which a resumed run was given other schedules, the latest time: no single config repeats
-    /// it.
+    /// Environment steps after which a resumed run was given other schedules, the latest time: no single config repeats it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) branched_at_step: Option<u64>,
     /// Events of the run so far, the lines of its `metrics.jsonl`.
@@ -66,7 +61,6 @@ impl Progress {
         (count > 0).then(|| self.recent_returns.iter().sum::<f64>() / count as f64)
     }
 
-    /// Whether the run has used a budget up.
     pub(super) fn uses_up(&self, budget: Budget) -> bool {
         match budget {
             Budget::Steps(steps) => self.env_steps >= steps,
@@ -143,13 +137,11 @@ pub struct Summary {
     pub(crate) end_reason: EndReason,
     /// The best evaluation, the latest of equals. `best.safetensors` holds its policy.
     pub best_evaluation: Option<Evaluation>,
-    /// The evaluation at the end.
     pub(crate) final_evaluation: Option<Evaluation>,
     pub solved_at_step: Option<u64>,
     /// SHA-256 over the online network's parameters, see `tensors::weights_sha256`.
     pub weights_sha256: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) branched_at_step: Option<u64>,
-    /// Duration of the training in seconds.
     pub(crate) wall_seconds: f64,
 }

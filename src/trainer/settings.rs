@@ -30,9 +30,7 @@ pub enum Budget {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {
-    /// Environment steps between evaluations. There is always one at the end.
     pub every_steps: u64,
-    /// Episodes of an evaluation, always the same ones.
     pub episodes: u64,
 }
 
@@ -40,6 +38,5 @@ pub struct EvaluationConfig {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CheckpointConfig {
-    /// Environment steps between them. There is always one at the end.
     pub every_steps: u64,
 }

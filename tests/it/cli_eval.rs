@@ -432,7 +432,7 @@ fn q_values_are_in_raw_rewards_and_the_scale_changes_no_action() {
     sandbox.train(&["--out", "run", "--set", "reward_scale=0.01"]).success();
     let mut bare = Checkpoint::default();
     bare.tensors = Checkpoint::read(&sandbox.path(BEST)).unwrap().tensors;
-    bare.write(&sandbox.path(FOREIGN)).unwrap();
+    sandbox.write(FOREIGN, bare.to_bytes().unwrap());
     let [scaled, raw] = [BEST, FOREIGN].map(|file| {
         sandbox.run(&["eval", file, "--episodes", "3", "--trace", "trace"]).success();
         let trace = sandbox.read("trace");

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use cartpole_dqn::agent::{Exploration, TargetUpdate};
+use cartpole_dqn::agent::{Exploration, Period, TargetUpdate};
 use cartpole_dqn::config::{self, Config, ConfigError};
 use cartpole_dqn::trainer::Budget;
 use serde_json::{Value, json};
@@ -191,15 +191,18 @@ fn one_alternative_replaces_the_other() {
     );
 
     let target = |file, sets: &[&str]| merged(file, sets).agent.as_dqn().unwrap().target;
-    assert_eq!(target(per_episodes, &[]), TargetUpdate::EveryEpisodes(10));
-    assert_eq!(target(per_episodes, &["target.kind=hard"]), TargetUpdate::EveryEpisodes(10));
-    assert_eq!(target(per_episodes, &["target.every_steps=500"]), TargetUpdate::EverySteps(500));
+    assert_eq!(target(per_episodes, &[]), TargetUpdate::Hard(Period::EveryEpisodes(10)));
+    assert_eq!(target(per_episodes, &["target.kind=hard"]), TargetUpdate::Hard(Period::EveryEpisodes(10)));
+    assert_eq!(
+        target(per_episodes, &["target.every_steps=500"]),
+        TargetUpdate::Hard(Period::EverySteps(500))
+    );
     assert_eq!(target(per_episodes, &["target.kind=none"]), TargetUpdate::None);
     let none = r#"{"target": {"kind": "none"}, "policy_weights": "online"}"#;
-    assert_eq!(target(none, &["target.kind=hard"]), TargetUpdate::EverySteps(500));
+    assert_eq!(target(none, &["target.kind=hard"]), TargetUpdate::Hard(Period::EverySteps(500)));
     assert_eq!(
         target(none, &["target.every_episodes=2", "target.kind=hard"]),
-        TargetUpdate::EveryEpisodes(2)
+        TargetUpdate::Hard(Period::EveryEpisodes(2))
     );
 }
 

@@ -100,7 +100,7 @@ fn readers(directory: &Path, study: &Value, task: &Value) -> Vec<(&'static str, 
     let text = |error: &dyn std::fmt::Display| error.to_string();
     vec![
         ("a task alone", serde_json::from_value::<Spec>(task.clone()).err().map(|error| text(&error))),
-        ("a program", programs.task().err().map(|error| text(&error))),
+        ("a program", programs.make().err().map(|error| text(&error))),
         (
             "a config",
             Config::from_layers(Some(("c", &config.to_string())), &[]).err().map(|error| text(&error)),

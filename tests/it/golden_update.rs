@@ -1,7 +1,7 @@
 //! The DQN update against PyTorch's, and the gradients against finite differences.
 
 use cartpole_dqn::agent::td;
-use cartpole_dqn::nn::{Activations, Adam, AdamConfig, Kernels, Loss, Mlp};
+use cartpole_dqn::nn::{Activations, Adam, Kernels, Loss, Mlp, OptimizerConfig};
 use nalgebra::DMatrix;
 use serde_json::Value;
 
@@ -51,11 +51,13 @@ fn follow<T: Kernels + Into<f64>>(tolerance: f64) {
         let mut online: Mlp<T> = network(&sizes, &case["online"]);
         let target: Mlp<T> = network(&sizes, &case["target"]);
         let mut gradient = Mlp::zeros(sizes.clone());
-        let config = AdamConfig {
+        let config = OptimizerConfig {
             learning_rate: number("learning_rate"),
             beta1: number("beta1"),
             beta2: number("beta2"),
             epsilon: number("epsilon"),
+            max_gradient_norm: None,
+            schedule: None,
         };
         let mut adam = Adam::new(config, online.parameters().len());
         let mut online_activations = Activations::new(&sizes, batch);

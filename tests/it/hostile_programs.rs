@@ -140,7 +140,7 @@ fn a_program_that_cannot_be_started_is_an_error() {
     ] {
         let command = command.into_iter().map(String::from).collect();
         let programs = Arc::new(Programs::new(command, 1, Duration::from_secs(5), None, |_, _| false));
-        let error = programs.task().expect_err(expected).to_string();
+        let error = programs.make().map(drop).expect_err(expected).to_string();
         assert!(error.contains(expected), "{error}");
     }
 }

@@ -5,10 +5,10 @@ use base64::engine::general_purpose::STANDARD;
 use serde::Deserialize;
 
 use super::super::{EnvironmentError, Image, Outcome, Spec};
+use super::Answer;
 use super::process::{MAX_ANSWER, Process, shortened};
 use crate::mirror::Mirror;
 
-/// The version of the protocol.
 const PROTOCOL: u64 = 1;
 /// Most pixels of a picture in each direction.
 const MAX_SIDE: u16 = 2048;
@@ -57,8 +57,7 @@ impl Hello {
 }
 
 impl Process {
-    /// Asks what the task is.
-    pub(super) fn hello(&mut self) -> Result<Spec, EnvironmentError> {
+    pub(super) fn hello(&mut self) -> Answer<Spec> {
         let request = format!("hello {PROTOCOL}");
         let line = self.answer(&request, MAX_ANSWER)?;
         let parsed = serde_json::from_str::<Hello>(&line).map_err(|error| error.to_string());
@@ -66,13 +65,11 @@ impl Process {
             PROTOCOL => hello.spec(),
             other => Err(format!("`protocol` is {other}, and this program speaks version {PROTOCOL} alone")),
         });
-        spec.map_err(|problem| {
-            self.nonsense(&request, &line, &format!("that is no JSON of a task: {problem}"))
-        })
+        spec.map_err(|error| self.nonsense(&request, &line, &format!("that is no JSON of a task: {error}")))
     }
 
     /// Starts an episode. The first time that is done twice, and must be the same.
-    pub(super) fn reset(&mut self, seed: u64, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    pub(super) fn reset(&mut self, seed: u64, observation: &mut [f32]) -> Answer<()> {
         let request = format!("reset {seed}");
         self.reset_once(&request, observation)?;
         if !self.is_checked {
@@ -89,7 +86,7 @@ impl Process {
         Ok(())
     }
 
-    fn reset_once(&mut self, request: &str, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset_once(&mut self, request: &str, observation: &mut [f32]) -> Answer<()> {
         let line = self.answer(request, MAX_ANSWER)?;
         let mut words = line.split_ascii_whitespace();
         let read = match words.next() {
@@ -102,12 +99,7 @@ impl Process {
         })
     }
 
-    /// One step of the episode.
-    pub(super) fn step(
-        &mut self,
-        action: usize,
-        observation: &mut [f32],
-    ) -> Result<Outcome, EnvironmentError> {
+    pub(super) fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         let request = format!("step {action}");
         let line = self.answer(&request, MAX_ANSWER)?;
         read_step(&line, observation).map_err(|problem| {
@@ -120,7 +112,7 @@ impl Process {
     }
 
     /// The picture of what there is now; none if the program draws nothing.
-    pub(super) fn render(&mut self) -> Result<Option<Image>, EnvironmentError> {
+    pub(super) fn render(&mut self) -> Answer<Option<Image>> {
         let line = self.answer("render", MAX_FRAME)?;
         if line == "no frame" {
             return Ok(None);
@@ -136,7 +128,7 @@ impl Process {
     }
 
     /// The answer to a request, unless it is an error.
-    fn answer(&mut self, request: &str, max_bytes: usize) -> Result<String, EnvironmentError> {
+    fn answer(&mut self, request: &str, max_bytes: usize) -> Answer<String> {
         let line = self.ask(request, max_bytes)?;
         match line.strip_prefix("error") {
             Some(message) if message.is_empty() || message.starts_with(' ') => {

@@ -14,6 +14,8 @@ use process::Process;
 /// repeated when the program fails.
 pub(crate) type ShowLine = fn(&str, &str) -> bool;
 
+type Answer<T> = Result<T, EnvironmentError>;
+
 /// Starts a program as often as is needed, and keeps the processes that nobody uses for later.
 pub struct Programs {
     command: Vec<String>,
@@ -39,21 +41,8 @@ impl Programs {
         Self { command, processes, timeout, show, task: known, idle: Mutex::default() }
     }
 
-    /// What the program says of its task. Starts the program if no process is idle.
-    ///
-    /// # Errors
-    /// When it cannot be started, or says nothing that can be used.
-    pub fn task(&self) -> Result<Arc<Spec>, EnvironmentError> {
-        let (process, task) = self.take()?;
-        self.idle().push(process);
-        Ok(task)
-    }
-
     /// An environment with a process of its own, as long as the environment lives.
-    ///
-    /// # Errors
-    /// See [`Self::task`].
-    pub fn make(self: &Arc<Self>) -> Result<Program, EnvironmentError> {
+    pub fn make(self: &Arc<Self>) -> Answer<Program> {
         let (process, spec) = self.take()?;
         Ok(Program { programs: Arc::clone(self), spec, process: Some(process) })
     }
@@ -62,7 +51,7 @@ impl Programs {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn take(&self) -> Result<(Process, Arc<Spec>), EnvironmentError> {
+    fn take(&self) -> Answer<(Process, Arc<Spec>)> {
         let idle = self.idle().pop();
         if let (Some(process), Some(task)) = (idle, self.task.get()) {
             return Ok((process, Arc::clone(task)));
@@ -91,10 +80,7 @@ pub struct Program {
 
 impl Program {
     /// Lets the process do something. A process that fails is ended.
-    fn with<T>(
-        &mut self,
-        act: impl FnOnce(&mut Process) -> Result<T, EnvironmentError>,
-    ) -> Result<T, EnvironmentError> {
+    fn with<T>(&mut self, act: impl FnOnce(&mut Process) -> Answer<T>) -> Answer<T> {
         let mut process = self.process.take().ok_or_else(|| {
             EnvironmentError::new(&self.spec.id, "its program has failed before and was ended")
         })?;

@@ -14,7 +14,7 @@ use rustix::io::Errno;
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::super::EnvironmentError;
-use super::ShowLine;
+use super::{Answer, ShowLine};
 use crate::text::{excerpt, shell_line, visible};
 
 /// Longest answer in bytes; a picture may be longer.
@@ -47,11 +47,7 @@ pub(super) struct Process {
 }
 
 impl Process {
-    pub(super) fn start(
-        command: &[String],
-        timeout: Duration,
-        show: ShowLine,
-    ) -> Result<Self, EnvironmentError> {
+    pub(super) fn start(command: &[String], timeout: Duration, show: ShowLine) -> Answer<Self> {
         let name = excerpt(&shell_line(command), LENGTH);
         let error = |problem: String| EnvironmentError::new(&name, &problem);
         let (program, arguments) =
@@ -80,7 +76,7 @@ impl Process {
     }
 
     /// Writes a request and reads its answer, one line of at most `max_bytes`.
-    pub(super) fn ask(&mut self, request: &str, max_bytes: usize) -> Result<String, EnvironmentError> {
+    pub(super) fn ask(&mut self, request: &str, max_bytes: usize) -> Answer<String> {
         if self.is_readable(Duration::ZERO) && self.read().is_ok_and(|count| count > 0) {
             let line = shortened(&String::from_utf8_lossy(&self.buffer));
             return Err(self.error(&format!("it wrote `{line}` before it was asked `{request}`; {STDOUT}")));
@@ -128,23 +124,18 @@ impl Process {
     }
 
     /// Takes the line that has been read. There must be nothing behind it.
-    fn line(&mut self, request: &str) -> Result<String, EnvironmentError> {
-        let bytes = std::mem::take(&mut self.buffer);
-        let text = match String::from_utf8(bytes) {
-            Ok(text) => text,
-            Err(bytes) => {
-                let text = shortened(&String::from_utf8_lossy(bytes.as_bytes()));
-                return Err(self.error(&format!("it answered `{request}` with `{text}`, which is not UTF-8")));
+    fn line(&mut self, request: &str) -> Answer<String> {
+        let problem = match String::from_utf8(std::mem::take(&mut self.buffer)) {
+            Ok(text) => match text.split_once('\n') {
+                Some((line, "")) => return Ok(line.trim_end_matches('\r').to_owned()),
+                _ => format!("more than one line: `{}`; {STDOUT}", shortened(&text)),
+            },
+            Err(error) => {
+                let text = String::from_utf8_lossy(error.as_bytes());
+                format!("`{}`, which is not UTF-8", shortened(&text))
             }
         };
-        match text.split_once('\n') {
-            Some((line, "")) => Ok(line.trim_end_matches('\r').to_owned()),
-            _ => {
-                let text = shortened(&text);
-                Err(self
-                    .error(&format!("it answered `{request}` with more than one line: `{text}`; {STDOUT}")))
-            }
-        }
+        Err(self.error(&format!("it answered `{request}` with {problem}")))
     }
 
     /// Waits until there is something to read, or the end of the pipe.
