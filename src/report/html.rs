@@ -30,9 +30,6 @@ pub(crate) fn is_page(start: &[u8]) -> bool {
 }
 
 /// The page of a study's directory, or of one or several runs' directories.
-///
-/// # Errors
-/// When a directory is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
 pub(crate) fn page(directories: &[PathBuf]) -> Result<String, ReportError> {
     let kinds = directories.iter().map(|directory| is_study(directory)).collect::<Result<Vec<_>, _>>()?;
     match (kinds.iter().position(|is_study| *is_study), directories) {

@@ -94,9 +94,6 @@ fn is_study(directory: &Path) -> Result<bool, ReportError> {
 
 impl Report {
     /// The report of a study's or a run's directory.
-    ///
-    /// # Errors
-    /// When it is neither, nothing has been finished in it, or a file in it is damaged.
     pub fn of(directory: &Path) -> Result<Self, ReportError> {
         if is_study(directory)? { study::report(directory) } else { run::report(directory) }
     }

@@ -127,9 +127,6 @@ fn warnings(manifest: &study::Study, configs: &[ConfigReport], labels: &Labels) 
 }
 
 /// The result of a study, as it is printed when it ends.
-///
-/// # Errors
-/// When nothing has been finished in it, or a file in it is damaged.
 pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
     Ok(text::standing(&ReadStudy::of(study_dir)?.report))
 }

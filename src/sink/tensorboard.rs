@@ -34,9 +34,6 @@ pub(crate) struct TensorBoard {
 
 impl TensorBoard {
     /// Creates a new file in a directory, which is made if it is missing, for a run that has made `env_steps` steps.
-    ///
-    /// # Errors
-    /// When that fails.
     pub fn create(
         directory: &Directory,
         path: &Path,

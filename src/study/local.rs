@@ -14,10 +14,8 @@ pub(crate) type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
 
 impl StudyDir {
     /// Runs these trials on `jobs` threads, in the environments that `make` gives for the configs, and shows each to `done` when it
-    /// ends. Once `stop` is set, no trial begins, and each unfinished trial writes a checkpoint from which it can be resumed.
-    ///
-    /// # Errors
-    /// When a trial cannot be written, which sets `stop`. A trial that diverges or is stopped is no error.
+    /// ends. Once `stop` is set, no trial begins, and each unfinished trial writes a checkpoint from which it can be resumed. A trial
+    /// that cannot be written sets it; one that diverges or is stopped is no error.
     pub fn run(
         &self,
         trials: &[(usize, u64)],

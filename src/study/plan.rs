@@ -53,9 +53,6 @@ pub struct NamedConfig {
 
 impl NamedConfig {
     /// The config in its own environment.
-    ///
-    /// # Errors
-    /// When the environment is a program that was not asked for its task.
     pub fn new(name: String, config: Config) -> Result<Self, EnvironmentError> {
         Ok(Self { name, task: config.environment.spec()?, config })
     }
@@ -120,9 +117,6 @@ impl Study {
     }
 
     /// The study in a directory, which another version of this program may have written.
-    ///
-    /// # Errors
-    /// When there is none, or it is of another format.
     pub fn read(path: &Path) -> Result<Self, StudyError> {
         let bad = |problem: String| StudyError::directory(path, problem);
         let manifest = read_manifest(path).map_err(bad)?;
@@ -163,9 +157,6 @@ impl Study {
     /// Writes the plan into the directory of a new study, or of the same study, which may have had fewer seeds.
     ///
     /// Two processes may do so at the same time: the second compares its plan with that of the first.
-    ///
-    /// # Errors
-    /// When there is something else in the directory, another study included, or it cannot be written.
     pub(super) fn write(&self, path: &Path) -> Result<(), StudyError> {
         let bad = |problem: String| StudyError::directory(path, problem);
         let unwritable = |source: io::Error| StudyError::Unwritable(path.into(), source);

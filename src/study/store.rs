@@ -71,9 +71,6 @@ pub(crate) struct LastTry {
 
 impl StudyDir {
     /// Makes the directory of a new study, or opens the directory of the same study, which may have had fewer seeds.
-    ///
-    /// # Errors
-    /// When there is something else in the directory, another study included, or it cannot be written.
     pub fn create(path: &Path, study: Study) -> Result<Self, StudyError> {
         if path.is_dir() {
             refuse_links(path)?;
@@ -82,10 +79,7 @@ impl StudyDir {
         Self::with(path, study)
     }
 
-    /// Opens the directory of a study to continue it.
-    ///
-    /// # Errors
-    /// When there is none, or another version of this program began it.
+    /// Opens the directory of a study to continue it, which only the version that began it can.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
         let study_dir = Self::open_to_read(path)?;
         refuse_links(path)?;
@@ -94,9 +88,6 @@ impl StudyDir {
     }
 
     /// Opens the directory of a study of any version.
-    ///
-    /// # Errors
-    /// When there is none.
     pub fn open_to_read(path: &Path) -> Result<Self, StudyError> {
         Self::with(path, Study::read(path)?)
     }
@@ -180,10 +171,7 @@ impl StudyDir {
         Ok(())
     }
 
-    /// Shows `each` every finished trial once, in no particular order, and returns the rest.
-    ///
-    /// # Errors
-    /// When a line is not a trial of this study, when `each` fails, or when two lines of one trial differ.
+    /// Shows `each` every finished trial once, in no particular order, and returns the rest. Two lines of one trial must be equal.
     pub fn read(&self, mut each: impl FnMut(Finished) -> Result<(), String>) -> Result<Omitted, StudyError> {
         let Reader { mut notes, found, others, .. } = self.read_all(&mut each)?;
         if others > 0 {

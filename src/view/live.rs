@@ -51,9 +51,6 @@ enum Message {
 impl Live {
     /// Opens the view of a run that has done so many steps. The first quit stops the run after its current step; a second one
     /// restores the terminal and calls `end_process`.
-    ///
-    /// # Errors
-    /// There is no terminal, it is too small, or it fails.
     pub fn open(
         name: &str,
         environment: Box<dyn Environment>,

@@ -43,8 +43,6 @@ pub(super) struct Player {
 }
 
 impl Player {
-    /// # Errors
-    /// When the environment fails, here and below.
     pub(super) fn new(
         policy: Greedy,
         environment: Box<dyn Environment>,

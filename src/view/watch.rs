@@ -25,9 +25,6 @@ const KEYS: &str = " act  space pause  s step  n next seed  r again  +/- speed  
 const MAX_VALUES: usize = 6;
 
 /// Plays a policy's episodes from the seeds `seed`, `seed + 1`, … until somebody quits or `stop` is set.
-///
-/// # Errors
-/// There is no terminal, it is too small, or it or the environment fails.
 pub(crate) fn watch(
     policy: Greedy,
     environment: Box<dyn Environment>,
