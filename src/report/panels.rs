@@ -100,7 +100,7 @@ fn panel(
     };
     figure(|layout| {
         let mut plot = Plot::new(layout.low(), title, ["", ""], (0.0, end), range);
-        plot = if is_logarithmic { plot.logarithmic() } else { plot };
+        plot.is_logarithmic = is_logarithmic;
         lines.iter().enumerate().for_each(|(series, line)| plot.line(series, line));
         plot
     })

@@ -177,7 +177,8 @@ fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layou
     let count = rows.len() as f64;
     let label = if is_difference { "difference of the mean return" } else { "mean return" };
     let (x, y) = ((low - air, high + air), (0.0, count));
-    let mut plot = Plot::new(layout.for_rows(rows.len()), &title, [label, ""], x, y).without_y_ticks();
+    let mut plot = Plot::new(layout.for_rows(rows.len()), &title, [label, ""], x, y);
+    plot.has_y_ticks = false;
     if is_difference {
         plot.upright(0.0);
     }

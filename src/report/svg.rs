@@ -22,23 +22,16 @@ pub(super) struct Layout {
     top: f64,
     bottom: f64,
     /// Whether the plot has title, legend and axis names; a page has them around the plot.
-    labelled: bool,
+    named: bool,
 }
 
 impl Layout {
     /// A file of its own.
-    pub(super) const FILE: Self = Self {
-        width: 720.0,
-        height: 400.0,
-        left: 64.0,
-        right: 24.0,
-        top: 36.0,
-        bottom: 52.0,
-        labelled: true,
-    };
+    pub(super) const FILE: Self =
+        Self { width: 720.0, height: 400.0, left: 64.0, right: 24.0, top: 36.0, bottom: 52.0, named: true };
     /// In a page on a screen.
     pub(super) const WIDE: Self =
-        Self { width: 960.0, height: 340.0, left: 46.0, top: 10.0, labelled: false, ..Self::FILE };
+        Self { width: 960.0, height: 340.0, left: 46.0, top: 10.0, named: false, ..Self::FILE };
     /// In a page on a phone.
     pub(super) const NARROW: Self = Self { width: 350.0, height: 260.0, right: 20.0, ..Self::WIDE };
 
@@ -86,9 +79,10 @@ pub(super) struct Plot {
     labels: [String; 2],
     x: (f64, f64),
     y: (f64, f64),
-    y_ticks: bool,
-    /// Whether y is a power of ten.
-    is_logarithmic: bool,
+    /// Whether there are numbers at the y axis.
+    pub(super) has_y_ticks: bool,
+    /// Whether y is an exponent, and the y axis has powers of ten.
+    pub(super) is_logarithmic: bool,
     marks: String,
     /// Series and what it is.
     legend: Vec<(usize, String)>,
@@ -104,30 +98,18 @@ impl Plot {
         y: (f64, f64),
     ) -> Self {
         let title = lines(&visible(title), LINE);
-        let more = if layout.labelled { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
+        let more = if layout.named { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
         Self {
             layout: Layout { top: layout.top + more, height: layout.height + more, ..layout },
             title,
             labels: [escaped(x_label), escaped(y_label)],
             x: drawable(x),
             y: drawable(y),
-            y_ticks: true,
+            has_y_ticks: true,
             is_logarithmic: false,
             marks: String::new(),
             legend: Vec::new(),
         }
-    }
-
-    /// With powers of ten at the y axis, where y is an exponent.
-    pub(super) fn logarithmic(mut self) -> Self {
-        self.is_logarithmic = true;
-        self
-    }
-
-    /// Without numbers at the y axis.
-    pub(super) fn without_y_ticks(mut self) -> Self {
-        self.y_ticks = false;
-        self
     }
 
     fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
@@ -151,7 +133,6 @@ impl Plot {
         path
     }
 
-    /// A line through points.
     pub(super) fn line(&mut self, series: usize, points: &[(f64, f64)]) {
         self.line_of_width(series, points, "2");
     }
@@ -163,13 +144,12 @@ impl Plot {
 
     fn line_of_width(&mut self, series: usize, points: &[(f64, f64)], width: &str) {
         let colour = colour(series);
-        if let [point @ (x, y)] = points
+        // A line through one point has no length.
+        if let &[(x, y)] = points
             && x.is_finite()
             && y.is_finite()
         {
-            // A line through one point has no length.
-            let (x, y) = self.place(*point);
-            self.marks += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" fill=\"{colour}\"/>\n");
+            self.dot((x, y), 3, colour);
         }
         let style = format!(r#"fill="none" stroke="{colour}" stroke-width="{width}"{}"#, dashes(series));
         self.marks += &(path(&self.path(points.iter().copied()), &style) + "\n");
@@ -198,13 +178,19 @@ impl Plot {
         if !x.is_finite() {
             return;
         }
-        let ((middle, height), colour) = (self.place((x, y)), colour(series));
+        let colour = colour(series);
         if let Some((low, high)) = ends {
             let style = format!(r#"stroke="{colour}" stroke-width="3""#);
             self.marks += &(path(&self.path([(low, y), (high, y)].into_iter()), &style) + "\n");
         }
-        self.marks += &format!("<circle cx=\"{middle:.1}\" cy=\"{height:.1}\" r=\"5\" fill=\"{colour}\"/>\n");
+        let (_, height) = self.dot((x, y), 5, colour);
         self.marks += &(text(self.layout.left + 8.0, height - 10.0, "", &escaped(said)) + "\n");
+    }
+
+    fn dot(&mut self, point: (f64, f64), radius: u8, colour: &str) -> (f64, f64) {
+        let (x, y) = self.place(point);
+        self.marks += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"/>\n");
+        (x, y)
     }
 
     /// A thin line upwards.
@@ -229,10 +215,9 @@ impl Plot {
         self.legend.push((series, visible(text)));
     }
 
-    fn drawn_legend(&self) -> String {
-        let mut legend = String::new();
-        let Layout { height, left, .. } = self.layout;
-        let mut y = height;
+    /// The legend, and the height with it.
+    fn drawn_legend(&self) -> (String, f64) {
+        let (Layout { left, height: mut y, .. }, mut legend) = (self.layout, String::new());
         for (series, text) in &self.legend {
             legend += &(sample(&format!("M{left},{y}h24"), *series) + "\n");
             for line in lines(text, LINE) {
@@ -241,7 +226,7 @@ impl Plot {
                 y += LEGEND_LINE;
             }
         }
-        legend
+        (legend, y)
     }
 
     /// Title, what y is, and legend as HTML, for a plot that is not labelled.
@@ -293,7 +278,7 @@ impl Plot {
     }
 
     fn y_tick_values(&self) -> Vec<f64> {
-        if !self.y_ticks {
+        if !self.has_y_ticks {
             return Vec::new();
         }
         let most = ((self.layout.height - self.layout.top - self.layout.bottom) / TICK.1).min(10.0);
@@ -304,22 +289,19 @@ impl Plot {
 
     /// The whole SVG file.
     pub(super) fn finish(self) -> String {
-        let Layout { width, height: plot_height, left, right, top, bottom, labelled } = self.layout;
-        let middle = (left + width - right) / 2.0;
-        let side = (top + plot_height - bottom) / 2.0;
+        let Layout { width, height: plot_height, left, right, top, bottom, named } = self.layout;
+        let (middle, side) = ((left + width - right) / 2.0, (top + plot_height - bottom) / 2.0);
         let [x_label, y_label] = &self.labels;
-        let (height, around) = if labelled {
-            let around = format!(
-                r#"{}<text transform="translate(16 {side}) rotate(-90)" text-anchor="middle">{y_label}</text>
-{}"#,
-                self.drawn_title(middle),
-                self.drawn_legend()
-            );
-            let legend = self.legend.iter().map(|(_, text)| lines(text, LINE).len()).sum::<usize>();
-            (plot_height + LEGEND_LINE * legend as f64, around)
-        } else {
-            (plot_height, String::new())
-        };
+        let (mut height, mut around) = (plot_height, String::new());
+        if named {
+            let (legend, end) = self.drawn_legend();
+            around = self.drawn_title(middle)
+                + &format!(
+                    "<text transform=\"translate(16 {side}) rotate(-90)\" text-anchor=\"middle\">{y_label}</text>\n"
+                )
+                + &legend;
+            height = end;
+        }
         format!(
             r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" font-family="sans-serif" font-size="12">
 <title>{title}</title>
