@@ -42,7 +42,6 @@ impl From<UpdateError> for Failure {
     }
 }
 
-/// What --json prints.
 #[derive(Serialize)]
 struct PrintedVerdict<'a> {
     file: String,
@@ -87,7 +86,6 @@ fn check_in_view(update: &Update) -> Verdict {
     verdict
 }
 
-/// The last line.
 fn summary(verdict: &Verdict) -> String {
     let unexplained = verdict.quantities.iter().filter(|quantity| quantity.state == QuantityState::Different);
     let unexplained: Vec<_> = unexplained.map(|quantity| quantity.name.name()).collect();
@@ -199,7 +197,6 @@ fn put_mistake(text: &mut String, Explained { mistake, reported_only, .. }: &Exp
     put(text, "  mend", mistake.mend);
 }
 
-/// Adds a paragraph with its name before it.
 fn put(text: &mut String, name: &str, paragraph: &str) {
     let margin = format!("\n{:INDENT$}", "");
     *text += &format!("{name:<INDENT$}{}\n", lines(paragraph, COLUMNS - INDENT).join(&margin));

@@ -60,7 +60,6 @@ pub(super) fn run_words(arguments: &Words, mut root: Command) -> Result<(), Fail
     print(&lines.map(|(value, help)| format!("{value}\t{help}\n")).collect::<String>())
 }
 
-/// A word and what it means.
 type Candidate = (String, String);
 
 fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
@@ -96,7 +95,6 @@ fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
     all
 }
 
-/// The option that a word names: `--name`, `--name=value` or `-n`.
 fn named<'a>(command: &'a Command, word: &str) -> Option<&'a Arg> {
     let name = word.split('=').next()?;
     command.get_arguments().find(|arg| match name.strip_prefix("--") {
@@ -105,7 +103,6 @@ fn named<'a>(command: &'a Command, word: &str) -> Option<&'a Arg> {
     })
 }
 
-/// The options that can still be given.
 fn options(command: &Command, before: &[&str]) -> Vec<Candidate> {
     let given: Vec<_> = before.iter().filter_map(|word| named(command, word)).collect();
     let is_free = |arg: &&Arg| matches!(arg.get_action(), ArgAction::Append) || !given.contains(arg);
@@ -155,7 +152,6 @@ fn settings(word: &str) -> Vec<Candidate> {
     values.into_iter().map(|value| (format!("{before}{value}"), String::new())).collect()
 }
 
-/// The runs that lie where `train` puts them.
 fn runs() -> Vec<Candidate> {
     let entries = fs::read_dir("runs").into_iter().flatten().flatten();
     let is_run = |entry: &fs::DirEntry| entry.path().join("config.json").is_file();

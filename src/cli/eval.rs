@@ -20,7 +20,6 @@ use crate::run::{SavedPolicy, final_evaluation};
 use crate::text::{shown, visible};
 use crate::trainer::{Evaluation, SCORE_SEED, Score, evaluate, play};
 
-/// How every trace begins.
 const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 
 /// Play a trained policy and score it.
@@ -70,7 +69,6 @@ enum Baseline {
     Random,
 }
 
-/// Which policy was played.
 #[derive(Default, Serialize)]
 struct Origin {
     /// `best` or `last` of a run, `other` (of another program) or `random`.
@@ -86,7 +84,6 @@ struct Origin {
     end: Option<(Evaluation, PathBuf)>,
 }
 
-/// One line of `--trace`.
 #[derive(Default, Serialize)]
 struct TraceLine {
     episode: u64,
@@ -198,7 +195,6 @@ impl Origin {
         }
     }
 
-    /// The lines above the score.
     fn describe(&self) -> String {
         let mut text = match self.env_steps {
             Some(step) => {

@@ -210,13 +210,11 @@ fn afterwards(explained: &ExplainedUpdate, q: &Values, sample: usize) -> String 
     format!("{place:>4} Q(s, ·) = {values}; δ = {after}, before {before}\n")
 }
 
-/// A row as (1, 0.5, …).
 fn row(matrix: &DMatrix<f32>, sample: usize) -> String {
     let numbers: Vec<_> = matrix.row(sample).iter().map(|&value| number(value)).collect();
     format!("({})", numbers.join(", "))
 }
 
-/// A number with at most five digits.
 fn number(value: f32) -> String {
     let size = value.abs();
     if value == 0.0 || (0.01..10_000.0).contains(&size) {

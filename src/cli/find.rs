@@ -10,19 +10,15 @@ use crate::run::names::{BEST, LAST};
 use crate::run::{RunDir, checkpoint_of};
 use crate::text::shown;
 
-/// Where `train` puts its runs.
 pub(super) const RUNS: &str = "runs";
-/// How many levels of directories are searched.
 const DEPTH: usize = 5;
 
-/// What there is below a directory.
 #[derive(Default)]
 pub(super) struct FoundRuns {
     pub(super) runs: Vec<PathBuf>,
     pub(super) unreadable: Vec<(PathBuf, io::Error)>,
 }
 
-/// The newest run that has a policy.
 pub(super) fn newest_with_policy(directory: &Path) -> Result<PathBuf, Failure> {
     let none = |what: &str| {
         Failure::BadInput(format!(

@@ -22,7 +22,6 @@ pub(super) fn command_of<'a>(root: &'a Command, arguments: &[String]) -> (String
     (names.join(" "), command)
 }
 
-/// Whether a command has an option of this long name.
 pub(super) fn has_option(command: &Command, long: &str) -> bool {
     command.get_arguments().any(|argument| argument.get_long() == Some(long))
 }
@@ -54,7 +53,6 @@ fn joined(words: &[String]) -> String {
 #[derive(Default)]
 struct Corrected {
     line: Vec<String>,
-    /// These options.
     replaced: Vec<String>,
     /// What they could mean besides, in words.
     others: String,

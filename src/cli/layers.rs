@@ -63,7 +63,6 @@ impl Layers {
         self.set.iter().cloned().chain(seed).chain(stop).collect()
     }
 
-    /// What a run of this config is called.
     pub(super) fn name(&self) -> String {
         self.config.as_deref().map_or_else(|| DEFAULT_NAME.into(), config_name)
     }

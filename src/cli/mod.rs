@@ -67,7 +67,6 @@ enum Command {
     CompleteWords(completions::Words),
 }
 
-/// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
     let typed: Vec<_> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     let result = match CommandLine::try_parse() {

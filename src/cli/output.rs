@@ -9,10 +9,8 @@ use crate::env::EnvironmentError;
 use crate::files::{open_ordinary, write_whole};
 use crate::text::shown;
 
-/// Bytes at the start of a file that tell what it is.
 const START: u64 = 512;
 
-/// Why an output is not written.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum WriteError {
     #[error(transparent)]
@@ -33,7 +31,6 @@ impl From<WriteError> for Failure {
     }
 }
 
-/// An output that the user has asked for.
 pub(super) struct Output<'a> {
     /// The option that names it.
     pub(crate) option: &'a str,

@@ -11,7 +11,6 @@ use crate::report;
 use crate::study::{Cause, Finished, Omitted, StudyDir, Unended};
 use crate::text::{labels, legend, shell_word, table, visible};
 
-/// Widest name in the table of a status.
 const NAME: usize = 48;
 /// The first trial of a plan is timed no longer than that.
 const TIMED: Duration = Duration::from_secs(30);
@@ -69,7 +68,6 @@ fn time_first_trial(dir: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Fa
     }
 }
 
-/// How many trials of each config are done, missing and failed.
 pub(super) fn status(dir: &StudyDir) -> Result<String, Failure> {
     let study = dir.study();
     let mut counts = vec![(0, 0); study.configs.len()];

@@ -16,7 +16,6 @@ use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, SavedPo
 use crate::tensors::TensorError;
 use crate::text::shown;
 
-/// Standard input or output, where a file can be given.
 pub(super) const STANDARD: &str = "-";
 /// Whether a path is standard input, under one of the names that it has.
 pub(super) fn is_standard_input(path: &Path) -> bool {
@@ -56,11 +55,9 @@ fn environment() -> impl TypedValueParser<Value = EnvironmentId> {
         .try_map(move |name| EnvironmentId::from_name(&name).ok_or_else(unknown))
 }
 
-/// A checkpoint that has been found and read.
 pub(super) struct LocatedPolicy {
     /// What the user typed, or the newest run.
     pub(crate) place: PathBuf,
-    /// The file that was read.
     pub(crate) file: PathBuf,
     pub(crate) checkpoint: Checkpoint,
     /// The environment that the policy was trained in. A program is not allowed to start yet.
@@ -115,7 +112,6 @@ impl PolicyArguments {
 }
 
 impl LocatedPolicy {
-    /// The environment, to be played in.
     pub(super) fn playable(&self, allow: AllowCommand, has_view: bool) -> Result<EnvironmentConfig, Failure> {
         let mut environment = self.environment.clone();
         let file = format!("checkpoint {}", shown(&self.file));
@@ -128,7 +124,6 @@ impl LocatedPolicy {
         self.environment.spec().map_err(problem)
     }
 
-    /// The environment under its own time limit.
     pub(super) fn make_environment(
         &self,
         allow: AllowCommand,

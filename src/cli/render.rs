@@ -148,7 +148,6 @@ fn format(arguments: &RenderArguments) -> Result<Format, Failure> {
     })
 }
 
-/// The scenes of an episode.
 fn scenes(frames: impl Iterator<Item = Frame>, id: &str) -> Result<Vec<Scene>, Failure> {
     let scenes: Option<Vec<_>> = frames.map(|frame| frame.scene).collect();
     let problem = || format!("{id} has no picture to draw; `eval --trace` writes the states of an episode");

@@ -48,11 +48,9 @@ struct ListedRun {
     path: String,
     /// `running`: a process trains it; `stopped`: it can be resumed; `failed`: it has diverged, and would again; `ended`; `damaged`.
     state: &'static str,
-    /// Why the run is damaged.
     problem: Option<String>,
     /// When one of its files was last written.
     written: Option<String>,
-    /// The name of the config that it was started with, if known.
     config: Option<String>,
     /// The keys that differ from the default, but for seed and budget, with their values.
     changed: BTreeMap<&'static str, Value>,
@@ -60,7 +58,6 @@ struct ListedRun {
     env_steps: Option<u64>,
     /// The best evaluation, the latest of equals.
     best: Option<Evaluation>,
-    /// The latest evaluation.
     #[serde(rename = "final")]
     final_: Option<Evaluation>,
 }
@@ -183,7 +180,6 @@ fn changed_keys(config: &Config) -> BTreeMap<&'static str, Value> {
     changed.filter(|setting| !is_own(setting.path)).map(|setting| (setting.path, setting.value)).collect()
 }
 
-/// A time of this calendar, to the second.
 fn iso(time: SystemTime) -> Option<String> {
     let mut text = String::new();
     let time = Some(time).filter(|time| *time >= SystemTime::UNIX_EPOCH)?;

@@ -27,7 +27,6 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// How much later than its programs this process may take a signal to all of them.
 const GROUP_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What signals have asked for.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Signals {
     /// Set by the first signal.
@@ -74,7 +73,6 @@ pub(super) fn asked() -> Option<u8> {
     }
 }
 
-/// Ends the process and removes what it has not finished.
 fn end(exit_code: u8) {
     let _no_more = remove_own_unfinished();
     exit(exit_code.into());
@@ -126,7 +124,6 @@ impl Signals {
         waiting.map_err(|error| Failure::Failed(format!("cannot wait for --time-limit: {error}")))
     }
 
-    /// The exit code of a process that a signal has stopped.
     pub(super) fn exit_code(&self) -> u8 {
         match self.exit_code.load(Ordering::Relaxed) {
             0 => INTERRUPTED,
@@ -134,7 +131,6 @@ impl Signals {
         }
     }
 
-    /// Ends the process as the second signal does.
     pub(super) fn end_process(&self) -> impl FnOnce() + Send + use<> {
         let signals = self.clone();
         move || end(signals.exit_code())

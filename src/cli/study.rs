@@ -23,7 +23,6 @@ use crate::study::{
 };
 use crate::text::{shell_word, shown, visible, wrapped};
 
-/// Shortest time between two plain lines of progress.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Train every combination of config, variation and seed.
@@ -114,7 +113,6 @@ impl StudyArguments {
         self.jobs.map_or_else(cpus, |jobs| jobs as usize)
     }
 
-    /// Opens a study, or makes a new one.
     fn open(&self) -> Result<StudyDir, Failure> {
         if let (Some(out), Some(seeds)) = (&self.out, &self.seeds) {
             check_out(out)?;
@@ -145,7 +143,6 @@ impl StudyArguments {
         })
     }
 
-    /// The command that shows the result.
     fn report_command(&self) -> String {
         format!("cartpole-dqn report {}", shell_word(&self.path().to_string_lossy()))
     }
@@ -194,7 +191,6 @@ fn train_shard(arguments: &StudyArguments, shard: Shard) -> Result<(), Failure> 
     counts.failures(arguments)
 }
 
-/// Trains the trials of a shard that nobody has finished yet.
 fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Counts, Failure> {
     let study = dir.study();
     let (mut finished, mut counts) = (HashSet::new(), Counts::default());
@@ -233,7 +229,6 @@ fn start_program(NamedConfig { config, task, .. }: &NamedConfig) {
     drop((config.make())(task.max_steps));
 }
 
-/// Counts of trials.
 #[derive(Default)]
 struct Counts {
     total: u64,
@@ -269,7 +264,6 @@ impl Counts {
         }
     }
 
-    /// What there is left to do, if there is something.
     fn left(&self) -> Option<String> {
         let Self { done, total, kept, lost, disturbed, .. } = self;
         let mut what = format!("{done} of {total} trials are finished and kept.");
@@ -288,7 +282,6 @@ impl Counts {
         (done < total).then(|| format!("{}  {command}", wrapped(&what, 0)))
     }
 
-    /// Fails if a trial has.
     fn failures(&self, arguments: &StudyArguments) -> Result<(), Failure> {
         let Self { failed, done, first_error, .. } = self;
         let Some((_, error)) = first_error else { return Ok(()) };

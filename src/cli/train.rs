@@ -160,7 +160,6 @@ fn has_ended(ended: &EndedRun, json: bool) -> Result<(), Failure> {
     if json { print_json(&read_summary(&ended.dir)?) } else { Ok(()) }
 }
 
-/// What a run that has failed leaves, and how it can be resumed.
 fn what_is_kept(run: &RunDir, config: &Config, error: &TrainError) -> String {
     let path = run.path().display();
     let kept = match () {
@@ -176,7 +175,6 @@ fn what_is_kept(run: &RunDir, config: &Config, error: &TrainError) -> String {
     }
 }
 
-/// Who watches the run.
 fn observers<'a>(
     arguments: &TrainArguments,
     run: &RunDir,
@@ -210,7 +208,6 @@ fn observers<'a>(
     Ok(observers)
 }
 
-/// A new run in its own directory.
 fn start_new(arguments: &TrainArguments) -> Result<Started, Failure> {
     let TrainArguments { layers, force, init_from, .. } = arguments;
     let mut config = layers.resolve()?;

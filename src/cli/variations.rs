@@ -59,7 +59,6 @@ fn variation(text: &str) -> Result<Variation, String> {
     }
 }
 
-/// Every config in every variation, all of them valid.
 pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failure> {
     let mut sources = Vec::new();
     for path in &arguments.config {

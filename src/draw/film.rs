@@ -12,7 +12,6 @@ const START: [u8; 9] = [0x80, 0, 0, 0, 0, 0, 0, 0, 0];
 /// How carefully the colors of a picture with more than 256 of them are chosen, from 1 (slow) to 30.
 const SPEED: i32 = 10;
 
-/// A GIF that is written picture by picture.
 pub(crate) struct Film<W: Write> {
     encoder: Encoder<W>,
     size: (u16, u16),
@@ -42,7 +41,6 @@ impl<W: Write> Film<W> {
     }
 }
 
-/// Whether a file with this beginning may be a [`Film`].
 pub(crate) fn is_film(start: &[u8]) -> bool {
     start.starts_with(b"GIF89a") && start.get(10..19) == Some(&START)
 }

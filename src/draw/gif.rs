@@ -12,7 +12,6 @@ const HEIGHT: u16 = Scene::HEIGHT;
 const WHITE: [u8; 3] = [255; 3];
 /// Most colors of a picture, with white: the palette holds the mixtures of every two.
 const MAX_COLORS: usize = 6;
-/// Samples of a pixel along each side.
 const SAMPLES: u16 = 4;
 /// All samples of a pixel; a pixel is a mixture of two colors in as many parts.
 const PARTS: u16 = SAMPLES * SAMPLES;
@@ -64,7 +63,6 @@ pub(super) fn io_error(error: EncodingError) -> io::Error {
 
 /// All that a pixel can be: a color, a mixture of two in sixteenths, or unchanged.
 struct Palette {
-    /// White, then the shapes' colors.
     colors: Vec<[u8; 3]>,
 }
 
@@ -90,7 +88,6 @@ impl Palette {
         (count + count * (count - 1) / 2 * usize::from(PARTS - 1)) as u8
     }
 
-    /// Red, green and blue of every index.
     fn entries(&self) -> Vec<u8> {
         let mut entries: Vec<u8> = self.colors.concat();
         // The pairs (second, first), the first being the smaller: (1, 0), (2, 0), (2, 1), ….

@@ -17,7 +17,6 @@ pub(crate) use svg::{is_svg, svg};
 
 use crate::env::scene::{Bounds, Outline, Scene, Shape};
 
-/// A shape that can say which points it covers.
 struct Placed<'a> {
     shape: &'a Shape,
     sin: f64,
@@ -56,7 +55,6 @@ impl<'a> Placed<'a> {
         (at.0 + x * self.cos - y * self.sin, at.1 + x * self.sin + y * self.cos)
     }
 
-    /// Whether the shape covers a point of the picture.
     fn contains(&self, (x, y): (f64, f64)) -> bool {
         let Bounds { left, right, bottom, top } = self.bounds;
         if x < left || x > right || y < bottom || y > top {
@@ -98,15 +96,12 @@ fn distance(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
 
 /// One shape throughout an episode.
 pub(crate) struct Motion<'a> {
-    /// In the first scene.
     pub(crate) shape: &'a Shape,
-    /// In every scene.
     pub(crate) at: Vec<(f64, f64)>,
     /// In every scene, in rad.
     pub(crate) angle: Vec<f64>,
 }
 
-/// The motion of every shape of an episode.
 pub(crate) fn motions(scenes: &[Scene]) -> Vec<Motion<'_>> {
     let shapes = scenes.first().map_or(&[][..], |scene| &scene.shapes);
     let motion = |(i, shape): (usize, _)| {

@@ -16,7 +16,6 @@ fn start() -> String {
     )
 }
 
-/// Whether a file with this beginning may be one of [`svg`].
 pub(crate) fn is_svg(start: &[u8]) -> bool {
     start.starts_with(self::start().as_bytes())
 }
@@ -48,7 +47,6 @@ fn moved(at: &[(f64, f64)], animation: &Animation, elements: &str) -> String {
     animation.wrapped("translate", &[place], &animation.wrapped("translate", &differences, elements))
 }
 
-/// The shapes of a group around the group's place.
 fn shapes(group: &[Motion<'_>], animation: &Animation) -> String {
     let turned = |motion: &Motion<'_>| {
         // Angles of SVG are clockwise.
@@ -103,7 +101,6 @@ fn element(shape: &Shape) -> String {
     }
 }
 
-/// A number with at most two decimals.
 fn short(value: f64) -> String {
     // Adding 0 to -0 gives 0.
     ((value * 100.0).round() / 100.0 + 0.0).to_string()

@@ -17,7 +17,6 @@ pub(super) struct Comparison {
     pub(super) probability_of_improvement: Estimate,
     pub(super) iqm_difference: Estimate,
     verdict: ComparisonVerdict,
-    /// The verdict in words.
     pub(super) statement: String,
 }
 
@@ -25,17 +24,13 @@ pub(super) struct Comparison {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum ComparisonVerdict {
-    /// The config is better than the first.
     Better,
-    /// The first is better.
     Worse,
     /// Each interval holds the value of two equal configs.
     NoDifferenceShown,
     /// One number says better, and the other worse.
     Mixed,
-    /// There are no intervals.
     TooFewSeeds,
-    /// The configs play different tasks.
     OtherTask,
 }
 
@@ -45,7 +40,6 @@ fn side(estimate: &Estimate, equal: f64) -> Option<i8> {
     Some(i8::from(low > equal) - i8::from(high < equal))
 }
 
-/// What a comparison needs of a config.
 #[derive(Clone, Copy)]
 pub(super) struct Scored<'a> {
     pub(super) name: &'a str,
@@ -55,7 +49,6 @@ pub(super) struct Scored<'a> {
 }
 
 impl Comparison {
-    /// A config against another.
     pub(super) fn new(config: Scored<'_>, against: Scored<'_>) -> Self {
         let (x, y) = (config.finals, against.finals);
         let probability = Estimate::of_two(x, y, statistics::probability_of_improvement);

@@ -10,11 +10,9 @@ use crate::trainer::{EndReason, Evaluation, Event};
 /// A statistic's name → (environment steps, value).
 pub(super) type StatisticSeries = BTreeMap<String, Vec<(u64, f64)>>;
 
-/// What the events of a run hold.
 #[derive(Default)]
 pub(super) struct History {
     pub(super) evaluations: Vec<Evaluation>,
-    /// That of the best policy.
     pub(super) best: Option<Evaluation>,
     /// Environment steps of an evaluation, its smallest and its largest return.
     pub(super) extremes: Vec<(f64, f64, f64)>,
@@ -25,7 +23,6 @@ pub(super) struct History {
     /// Environment steps, mean loss of an episode.
     pub(super) loss: Vec<(f64, f64)>,
     pub(super) statistics: StatisticSeries,
-    /// None while the run has not ended.
     pub(super) end_reason: Option<EndReason>,
 }
 

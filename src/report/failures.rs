@@ -6,14 +6,11 @@ use super::outcome::{Group, TrialOutcome};
 use crate::study::{LastTry, Study};
 use crate::text::visible;
 
-/// Most reasons that are printed.
 const MAX_REASONS: usize = 5;
 
-/// Trials that failed for the same reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Failures {
     trials: usize,
-    /// That of the first, with its numbers.
     reason: String,
     config: String,
     seed: u64,

@@ -29,7 +29,6 @@ pub(crate) fn is_page(start: &[u8]) -> bool {
     start.starts_with(own.as_bytes())
 }
 
-/// The page of a study's directory, or of one or several runs' directories.
 pub(crate) fn page(directories: &[PathBuf]) -> Result<String, ReportError> {
     let kinds = directories.iter().map(|directory| is_study(directory)).collect::<Result<Vec<_>, _>>()?;
     match (kinds.iter().position(|is_study| *is_study), directories) {
@@ -270,7 +269,6 @@ fn config_tables(configs: &[(&str, &Value)]) -> String {
     }
 }
 
-/// A heading with the configs' names, and a row for each key in which they differ.
 fn differences(configs: &[(&str, &Value)], all: &[Vec<[String; 4]>]) -> Vec<Vec<String>> {
     let heading = std::iter::once("").chain(configs.iter().map(|(name, _)| *name));
     let mut rows = vec![heading.map(String::from).collect::<Vec<_>>()];
@@ -288,7 +286,6 @@ fn differences(configs: &[(&str, &Value)], all: &[Vec<[String; 4]>]) -> Vec<Vec<
     rows
 }
 
-/// The table of a config's keys.
 fn keys(settings: &[[String; 4]]) -> String {
     let mut html = String::from(
         "<p class=\"note\">Bold: what is not the default.</p>\n<div class=\"scroll\"><table class=\"keys\">\n\
@@ -303,7 +300,6 @@ fn keys(settings: &[[String; 4]]) -> String {
     html + "</table></div>\n"
 }
 
-/// A config as a file to be saved.
 fn config_file(title: &str, config: &Value) -> String {
     let text = serde_json::to_string_pretty(config).unwrap_or_default();
     format!(

@@ -34,29 +34,22 @@ use crate::trainer::Evaluation;
 
 /// How every `report.json` begins, whatever its version.
 const JSON_START: &str = "{\n  \"format_version\": ";
-/// How the table begins.
 const CSV_START: &str = "config,seed,env_steps,mean_return\n";
-/// Version of `report.json`.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 30;
 
 /// Writes the content of a file: the table of a large study would fill the memory.
 pub(crate) type Content = Box<dyn Fn(&mut dyn Write) -> io::Result<()>>;
 
-/// A finished report.
 pub struct Report {
     pub(crate) text: String,
-    /// `report.json`.
     pub(crate) json: Value,
-    /// The other files: name and content.
     pub(crate) files: Vec<(&'static str, Content)>,
     /// Notes on the lines that it ignores.
     pub(crate) notes: Vec<String>,
 }
 
-/// Why there is no report.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct ReportError(String);
@@ -93,7 +86,6 @@ fn is_study(directory: &Path) -> Result<bool, ReportError> {
 }
 
 impl Report {
-    /// The report of a study's or a run's directory.
     pub fn of(directory: &Path) -> Result<Self, ReportError> {
         if is_study(directory)? { study::report(directory) } else { run::report(directory) }
     }
@@ -127,7 +119,6 @@ fn csv<'a>(
     Ok(())
 }
 
-/// A content that is in memory.
 fn whole(text: String) -> Content {
     Box::new(move |file| file.write_all(text.as_bytes()))
 }

@@ -8,7 +8,6 @@ use crate::env::Spec;
 use crate::study::{Finished, NamedConfig, Omitted, PolicyScore, StudyDir};
 use crate::trainer::Evaluation;
 
-/// The finished trials of a config, in the order of their seeds.
 #[derive(Debug)]
 pub(super) struct Group {
     pub(super) name: String,
@@ -16,7 +15,6 @@ pub(super) struct Group {
     pub(super) outcomes: Vec<TrialOutcome>,
 }
 
-/// The result of a trial.
 #[derive(Debug)]
 pub(super) struct TrialOutcome {
     pub(super) seed: u64,
@@ -61,13 +59,11 @@ impl TrialOutcome {
         }
     }
 
-    /// The evaluations during training.
     pub(super) fn evaluations(&self) -> Vec<Evaluation> {
         let pairs = self.steps.iter().zip(&self.means);
         pairs.map(|(&env_steps, &mean)| Evaluation { env_steps, mean }).collect()
     }
 
-    /// See [`history::value_at`].
     pub(super) fn value_at(&self, step: u64, task: &Spec) -> f64 {
         history::value_at(step, &self.steps, &self.means, self.error.is_some(), task)
     }

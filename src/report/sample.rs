@@ -31,7 +31,6 @@ pub fn sorted(values: impl IntoIterator<Item = f64>) -> Sample {
 }
 
 impl Sample {
-    /// How many values there are, copies included.
     pub fn len(&self) -> usize {
         self.total
     }

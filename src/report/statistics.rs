@@ -9,7 +9,6 @@ pub use super::sample::Sample;
 pub use super::sample::sorted;
 use crate::rng::Rng;
 
-/// Bootstrap resamples per interval.
 pub(crate) const RESAMPLES: usize = 2000;
 /// Seed of the resampling, the same for every interval, so that equal studies give equal bytes.
 pub(crate) const BOOTSTRAP_SEED: u64 = 0;
@@ -31,7 +30,6 @@ impl Estimate {
         Self { value, low: interval.map(|(low, _)| low), high: interval.map(|(_, high)| high) }
     }
 
-    /// The ends of the interval.
     pub(super) fn interval(&self) -> Option<(f64, f64)> {
         self.low.zip(self.high)
     }
@@ -80,7 +78,6 @@ impl Estimate {
     }
 }
 
-/// Arithmetic mean.
 pub fn mean(sample: &Sample) -> f64 {
     sample.mean_of(0..sample.len())
 }

@@ -16,10 +16,8 @@ use crate::study::{self, LastTry, NamedConfig, StudyDir};
 use crate::text::{visible, wrapped};
 use crate::trainer::Evaluation;
 
-/// Most configs that a note names.
 const MAX_NAMED: usize = 3;
 
-/// A study and its report.
 pub(super) struct ReadStudy {
     pub(super) configs: Vec<NamedConfig>,
     groups: Vec<Group>,
@@ -67,7 +65,6 @@ impl ReadStudy {
     }
 }
 
-/// The report of the study in a directory.
 pub(super) fn report(path: &Path) -> Result<Report, ReportError> {
     let ReadStudy { groups, report, notes, .. } = ReadStudy::read(path)?;
     let mut files = plots::study(&report);
@@ -76,13 +73,11 @@ pub(super) fn report(path: &Path) -> Result<Report, ReportError> {
     Ok(Report { text, json, files, notes })
 }
 
-/// Every config but the first against the first.
 fn comparisons<'a>(mut scored: impl Iterator<Item = Scored<'a>>) -> Vec<Comparison> {
     let first = scored.next();
     first.map_or_else(Vec::new, |first| scored.map(|config| Comparison::new(config, first)).collect())
 }
 
-/// The trials as [`csv`] takes them.
 fn runs(groups: &[Group]) -> impl Iterator<Item = (&str, u64, Vec<Evaluation>)> {
     groups.iter().flat_map(|Group { name, outcomes, .. }| {
         outcomes.iter().map(|outcome| (name.as_str(), outcome.seed, outcome.evaluations()))
@@ -126,7 +121,6 @@ fn warnings(manifest: &study::Study, configs: &[ConfigReport], labels: &Labels) 
     notes.iter().map(sentence).collect()
 }
 
-/// The result of a study, as it is printed when it ends.
 pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
     Ok(text::standing(&ReadStudy::of(study_dir)?.report))
 }

@@ -31,7 +31,6 @@ pub(super) struct StudyReport {
     pub(super) finished: usize,
     pub(super) failed: usize,
     pub(super) failures: Vec<Failures>,
-    /// Why the last tries of missing trials ended.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) last_tries: Vec<Failures>,
     pub(super) bootstrap: Value,
@@ -40,11 +39,9 @@ pub(super) struct StudyReport {
     pub(super) comparisons: Vec<Comparison>,
 }
 
-/// What one config came to over its seeds.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct ConfigReport {
     pub(super) name: String,
-    /// How tables and pictures call it.
     pub(super) label: String,
     #[serde(skip)]
     pub(super) task: Spec,
@@ -133,7 +130,6 @@ pub(super) struct CurvePoint {
 }
 
 impl ConfigReport {
-    /// What comparisons need of it.
     pub(super) fn scored(&self) -> Scored<'_> {
         Scored { name: &self.name, label: &self.label, task: &self.task, finals: &self.scores }
     }

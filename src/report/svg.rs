@@ -4,7 +4,6 @@ use std::fmt::Write;
 
 use crate::text::{lines, visible};
 
-/// The beginning of every plot that is a file.
 pub(super) const START: &str = r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 "#;
 const LEGEND_LINE: f64 = 18.0;
 /// Widest line of text in a plot, in characters.
@@ -26,7 +25,6 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// A file of its own.
     pub(super) const FILE: Self =
         Self { width: 720.0, height: 400.0, left: 64.0, right: 24.0, top: 36.0, bottom: 52.0, named: true };
     /// In a page on a screen.
@@ -35,7 +33,6 @@ impl Layout {
     /// In a page on a phone.
     pub(super) const NARROW: Self = Self { width: 350.0, height: 260.0, right: 20.0, ..Self::WIDE };
 
-    /// The same, half as high.
     pub(super) const fn low(self) -> Self {
         Self { height: self.height / 2.0, bottom: 28.0, ..self }
     }
@@ -70,11 +67,9 @@ pub(super) const DARK: [(&str, &str); 11] = [
     (LEVEL, "#8a929a"),
 ];
 
-/// A plot that is being drawn.
 #[derive(Debug)]
 pub(super) struct Plot {
     layout: Layout,
-    /// In lines.
     title: Vec<String>,
     labels: [String; 2],
     x: (f64, f64),
@@ -84,7 +79,6 @@ pub(super) struct Plot {
     /// Whether y is an exponent, and the y axis has powers of ten.
     pub(super) is_logarithmic: bool,
     marks: String,
-    /// Series and what it is.
     legend: Vec<(usize, String)>,
 }
 
@@ -193,7 +187,6 @@ impl Plot {
         (x, y)
     }
 
-    /// A thin line upwards.
     pub(super) fn upright(&mut self, x: f64) {
         self.marks += &(path(&self.path([(x, self.y.0), (x, self.y.1)].into_iter()), THIN) + "\n");
     }
@@ -210,7 +203,6 @@ impl Plot {
         self.marks += &(text(right, height + 13.0, style, &escaped(said)) + "\n");
     }
 
-    /// An entry of the legend, below the plot.
     pub(super) fn legend(&mut self, series: usize, text: &str) {
         self.legend.push((series, visible(text)));
     }
@@ -287,7 +279,6 @@ impl Plot {
         values
     }
 
-    /// The whole SVG file.
     pub(super) fn finish(self) -> String {
         let Layout { width, height: plot_height, left, right, top, bottom, named } = self.layout;
         let (middle, side) = ((left + width - right) / 2.0, (top + plot_height - bottom) / 2.0);

@@ -19,7 +19,6 @@ fn share_shown(count: usize, share: &Estimate) -> String {
 }
 
 impl ConfigReport {
-    /// How many policies solve.
     fn solved(&self) -> Vec<String> {
         vec![
             share_shown(self.final_solved, &self.final_solved_share),
@@ -27,7 +26,6 @@ impl ConfigReport {
         ]
     }
 
-    /// What the runs kept.
     fn course(&self) -> Vec<String> {
         let ConfigRetention { share, worst, collapses, collapsed_seeds, dips, dipped_seeds, .. } =
             &self.retention;
@@ -47,7 +45,6 @@ impl ConfigReport {
     }
 }
 
-/// A table and what it shows.
 pub(super) struct Table {
     pub(super) title: String,
     pub(super) rows: Vec<Vec<String>>,
@@ -77,7 +74,6 @@ fn order(configs: &[ConfigReport]) -> Vec<usize> {
     order
 }
 
-/// The first table of a report.
 fn ranked(configs: &[ConfigReport]) -> Table {
     let heading = ["rank", "config", "seeds", "failed", "solved", "IQM", "mean"].map(String::from);
     let row = |(rank, i): (usize, usize)| {
@@ -165,12 +161,10 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
     tables
 }
 
-/// The labels of the configs, and their names.
 pub(super) fn names(report: &StudyReport) -> impl Iterator<Item = (&str, &str)> {
     report.configs.iter().map(|config| (config.label.as_str(), config.name.as_str()))
 }
 
-/// What the tables mean.
 fn footnote(configs: &[ConfigReport]) -> String {
     let has_intervals = configs.iter().any(|config| config.final_iqm.low.is_some());
     let intervals = if has_intervals { " In brackets: 95 % intervals over training seeds." } else { "" };
@@ -193,7 +187,6 @@ pub(super) fn conclusions(report: &StudyReport) -> Vec<String> {
     said
 }
 
-/// Why trials failed.
 fn failed(report: &StudyReport) -> Vec<String> {
     failure_lines(&report.failures, report.finished, &|config| label(report, config))
 }
@@ -203,7 +196,6 @@ fn label(report: &StudyReport, name: &str) -> String {
     names(report).find(|(_, other)| *other == name).map_or_else(|| visible(name), |(label, _)| label.into())
 }
 
-/// The notes below the tables.
 pub(super) fn remarks(report: &StudyReport) -> Vec<String> {
     let mut remarks = failed(report);
     remarks.extend(last_try_lines(&report.last_tries, &|config| label(report, config)));

@@ -8,10 +8,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::trainer::Budget;
 use crate::trainer::{Event, Observer};
 
-/// Shortest time between two plain lines.
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
-/// Shows the progress of a run.
 #[derive(Debug)]
 pub(crate) struct Console {
     bar: ProgressBar,
@@ -26,7 +24,6 @@ pub(crate) struct Console {
 }
 
 impl Console {
-    /// A display for a run with this budget that is at `start_steps` environment steps.
     pub fn new(budget: Budget, start_steps: u64) -> Self {
         let (length, unit) = match budget {
             Budget::Steps(steps) => (steps, "step"),
@@ -119,7 +116,6 @@ pub(crate) struct EpisodeLog {
 }
 
 impl EpisodeLog {
-    /// A line for every `every` episodes of a run with this budget.
     pub fn new(budget: Budget, every: u64) -> Self {
         let of_total = match budget {
             Budget::Steps(_) => String::new(),

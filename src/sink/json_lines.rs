@@ -27,7 +27,6 @@ impl JsonLines {
         Self::lock(directory.open_file(path)?, directory, path)
     }
 
-    /// Creates the file.
     pub fn create(directory: &Directory, path: &Path) -> io::Result<Self> {
         Self::lock(directory.create_file(path)?, directory, path)
     }
@@ -69,7 +68,6 @@ impl JsonLines {
         Ok(true)
     }
 
-    /// Flushes all events to the disk.
     pub(crate) fn sync(&mut self) -> io::Result<()> {
         self.file.sync_data()
     }

@@ -16,7 +16,6 @@ use super::TENSORBOARD_PREFIX;
 use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
-/// CRC-32C.
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// Episodes of a running mean, as in `mean_return_100`.
 const RECENT: usize = 100;
@@ -25,7 +24,6 @@ const RECENT: usize = 100;
 /// a run whose bytes differ each time.
 pub(crate) struct TensorBoard {
     file: BufWriter<File>,
-    /// The learning rate after a number of environment steps.
     learning_rate: Box<dyn Fn(u64) -> f64>,
     recent_lengths: VecDeque<u64>,
     /// When the first event came, and its environment steps.
@@ -143,7 +141,6 @@ impl Observer for TensorBoard {
     }
 }
 
-/// The second of the latest event file in a directory, by its name.
 fn latest_second(path: &Path) -> io::Result<Option<u64>> {
     let mut latest = None;
     for entry in fs::read_dir(path)? {
@@ -157,7 +154,6 @@ fn latest_second(path: &Path) -> io::Result<Option<u64>> {
     Ok(latest)
 }
 
-/// Seconds since 1970.
 fn wall_time() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }

@@ -9,7 +9,6 @@ use super::{Study, StudyDir, StudyError, Trial, Unended};
 use crate::config::Config;
 use crate::env::Make;
 
-/// The environments of a config.
 pub(crate) type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
 
 impl StudyDir {

@@ -17,33 +17,26 @@ use crate::files::{Directory, create_folders, is_unfinished, read_text_limited, 
 use crate::run::names::MANIFEST;
 use crate::text::excerpt;
 
-/// Version of the files of a study.
 pub const FORMAT_VERSION: u32 = 2;
 /// Most seeds of a study: a mistyped number must not fill the memory.
 pub(crate) const MAX_SEEDS: u64 = 1_000_000;
-/// Largest `study.json` that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 26;
 
 /// What a study runs. Serialised it is the manifest, `study.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Study {
-    /// [`FORMAT_VERSION`].
     pub(crate) format_version: u32,
     /// The program's version: another one may train with other bits.
     pub(crate) version: String,
-    /// The configs, each with a name of its own.
     pub(crate) configs: Vec<NamedConfig>,
-    /// The seeds that each config is trained with.
     pub(crate) seeds: Range<u64>,
     /// Whether its trials test if policies last [`super::LASTING_STEPS`] steps.
     #[serde(rename = "endurance", default, skip_serializing_if = "std::ops::Not::not")]
     pub(crate) lasting: bool,
 }
 
-/// One config of a study.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct NamedConfig {
-    /// Its name in reports.
     pub name: String,
     /// The config; its seed is 0, and each trial puts its own there.
     pub config: Config,
@@ -52,7 +45,6 @@ pub struct NamedConfig {
 }
 
 impl NamedConfig {
-    /// The config in its own environment.
     pub fn new(name: String, config: Config) -> Result<Self, EnvironmentError> {
         Ok(Self { name, task: config.environment.spec()?, config })
     }
@@ -90,7 +82,6 @@ impl FromStr for Shard {
 }
 
 impl Study {
-    /// A study of configs with different names.
     pub fn new(mut configs: Vec<NamedConfig>, seeds: Range<u64>, lasting: bool) -> Self {
         configs.iter_mut().for_each(|named| named.config.seed = 0);
         let version = env!("CARGO_PKG_VERSION").into();
@@ -105,13 +96,11 @@ impl Study {
         all.skip(shard.index).step_by(shard.count)
     }
 
-    /// Whether one of its trials belongs to a part.
     pub(crate) fn is_in(&self, shard: Shard, (config, seed): (usize, u64)) -> bool {
         let number = u128::from(seed - self.seeds.start) * self.configs.len() as u128 + config as u128;
         number % shard.count as u128 == shard.index as u128
     }
 
-    /// How many trials the study has.
     pub(crate) fn total(&self) -> u64 {
         (self.configs.len() as u64).saturating_mul(self.seeds.end.saturating_sub(self.seeds.start))
     }
@@ -203,7 +192,6 @@ fn not_a_study(error: &dyn std::fmt::Display) -> String {
     format!("has a {MANIFEST} that does not describe a study: {error}")
 }
 
-/// Reads `study.json`, if it is of this format.
 fn read_manifest(path: &Path) -> Result<Value, String> {
     let text =
         read_text_limited(&path.join(MANIFEST), MAX_FILE_SIZE).map_err(|error| match error.kind() {

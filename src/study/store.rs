@@ -22,16 +22,13 @@ const UNFINISHED: &str = "unfinished";
 const EXTENSION: &str = "jsonl";
 const CHECKPOINT: &str = "safetensors";
 const REASON: &str = "txt";
-/// Longest reason that is read, in bytes.
 const MAX_REASON: u64 = 1 << 16;
 /// Longest line that is read, in bytes.
 const MAX_LINE: u64 = 1 << 26;
-/// How much of a file is read at once, in bytes.
 const BUFFER: usize = 1 << 18;
 /// Longest time between two fsyncs; a power cut loses at most these trials.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Takes a finished trial.
 type Each<'a> = dyn FnMut(Finished) -> Result<(), String> + 'a;
 
 /// The directory of a study, which any number of processes may use at the same time.
@@ -43,7 +40,6 @@ pub struct StudyDir {
     study: Study,
 }
 
-/// A finished trial, as a reader of the directory gets it.
 #[derive(Debug)]
 pub struct Finished {
     /// Index of its config.
@@ -51,7 +47,6 @@ pub struct Finished {
     pub(crate) trial: Trial<TrialSummary>,
 }
 
-/// What a reader of the finished trials is not shown.
 #[derive(Debug, Default)]
 pub struct Omitted {
     /// Notes on unfinished lines, and on trials with seeds that the study does not have.
@@ -60,7 +55,6 @@ pub struct Omitted {
     pub(crate) last_tries: Vec<LastTry>,
 }
 
-/// How the last try of a trial without a line ended.
 #[derive(Debug)]
 pub(crate) struct LastTry {
     /// Index of its config.
@@ -87,7 +81,6 @@ impl StudyDir {
         Ok(study_dir)
     }
 
-    /// Opens the directory of a study of any version.
     pub fn open_to_read(path: &Path) -> Result<Self, StudyError> {
         Self::with(path, Study::read(path)?)
     }
@@ -101,7 +94,6 @@ impl StudyDir {
         &self.path
     }
 
-    /// What the study runs.
     pub(crate) fn study(&self) -> &Study {
         &self.study
     }
@@ -130,7 +122,6 @@ impl StudyDir {
         drop(written);
     }
 
-    /// Removes the reason of the try before.
     pub(super) fn forget_last_try(&self, trial: (usize, u64)) {
         let _ = self.directory.remove_file(&self.unfinished_file(trial, REASON));
     }
@@ -141,7 +132,6 @@ impl StudyDir {
         let _ = self.directory.remove_file(&self.unfinished(trial));
     }
 
-    /// The trials with a checkpoint or a reason.
     fn kept(&self) -> BTreeSet<(usize, u64)> {
         let trial = |entry: io::Result<fs::DirEntry>| {
             let path = entry.ok()?.path();
@@ -199,7 +189,6 @@ impl StudyDir {
         Ok(reader)
     }
 
-    /// The files of trials, by name.
     fn files(&self) -> io::Result<Vec<PathBuf>> {
         let entries = match fs::read_dir(self.path.join(TRIALS)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -227,7 +216,6 @@ fn refuse_links(path: &Path) -> Result<(), StudyError> {
     check().map_err(|error| StudyError::directory(path, format!("cannot be used for a study: {error}")))
 }
 
-/// Reads the files of a study one after the other.
 struct Reader<'a> {
     files: Vec<PathBuf>,
     study: &'a Study,
@@ -235,7 +223,6 @@ struct Reader<'a> {
     /// Where each trial was found first: index of the file, and the line's offset in bytes.
     found: HashMap<(usize, u64), (usize, u64)>,
     notes: Vec<String>,
-    /// Trials with other seeds than the study's.
     others: u64,
 }
 

@@ -44,10 +44,8 @@ pub struct Trial<S = Value> {
     pub evaluations: Vec<Evaluation>,
 }
 
-/// What readers of a study need of a summary.
 #[derive(Debug, Deserialize)]
 pub(crate) struct TrialSummary {
-    /// Why the run ended.
     pub(crate) end_reason: Option<EndReason>,
 }
 
@@ -92,7 +90,6 @@ struct TrialHeader {
     evaluations: Vec<Evaluation>,
 }
 
-/// A try that has not come to its end.
 #[derive(Debug, thiserror::Error)]
 #[error("{config}, seed {seed}: {cause}")]
 pub struct Unended {
@@ -103,13 +100,10 @@ pub struct Unended {
     pub(crate) is_kept: bool,
 }
 
-/// What ends a try without a result.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Cause {
-    /// It was asked to stop.
     #[error("stopped by a signal or --time-limit after step {0}")]
     Stopped(u64),
-    /// The environment failed, or a checkpoint could not be written.
     #[error(transparent)]
     Failed(#[from] TrainError),
 }
@@ -205,7 +199,6 @@ impl Trial {
         Ok(trial)
     }
 
-    /// Whether the final policy solves the task.
     pub(crate) fn solved(&self, spec: &Spec) -> bool {
         self.final_.as_ref().is_some_and(|score| spec.is_solved_by(score.mean))
     }
@@ -215,7 +208,6 @@ impl Trial {
 /// is due. The built-in environments cannot, and their trials are short: these keep one when they are stopped.
 struct Keeper<'a> {
     config: &'a Config,
-    /// None where nothing is to be kept.
     place: Option<(&'a Directory, &'a Path)>,
     evaluations: Vec<Evaluation>,
     /// Whether the file is there.

@@ -67,7 +67,6 @@ impl Series {
     }
 }
 
-/// The statistics that are shown.
 fn statistics() -> impl Iterator<Item = &'static Statistic> {
     STATISTICS.iter().filter(|statistic| !statistic.label.is_empty())
 }
@@ -180,7 +179,6 @@ impl Dashboard {
         }
     }
 
-    /// Draws everything; `status` says how the run goes.
     pub(super) fn draw(&self, frame: &mut Frame<'_>, status: &str) {
         let [title, progress, pictures, diagnostics, keys] = Layout::vertical([
             Constraint::Length(1),
@@ -279,7 +277,6 @@ impl Dashboard {
     }
 }
 
-/// A number in at most eight characters.
 fn short(value: f64) -> String {
     match value.abs() {
         size if size == 0.0 || (0.001..1.0).contains(&size) => format!("{value:.4}"),

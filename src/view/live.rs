@@ -126,7 +126,6 @@ impl Drop for Live {
     }
 }
 
-/// The thread's half.
 struct View {
     screen: Screen,
     dashboard: Dashboard,

@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 pub(crate) struct Pace(f64);
 
 impl Pace {
-    /// As fast as it goes.
     pub(crate) const FULL: Self = Self(f64::INFINITY);
     const SLOWEST: f64 = 0.01;
     const FASTEST: f64 = 1000.0;
@@ -51,9 +50,7 @@ pub(super) struct Shared {
     pace: AtomicU64,
     /// Environment steps that the pace has allowed.
     pub(super) allowed_steps: AtomicU64,
-    /// The view is to close.
     pub(super) closing: AtomicBool,
-    /// Steps in a second of simulated time.
     steps_per_second: f64,
 }
 
@@ -78,7 +75,6 @@ impl Shared {
     }
 }
 
-/// Holds a run back to its pace.
 #[derive(Debug)]
 pub(super) struct Pacer {
     /// Environment steps that the pace has allowed, a share of a step included.
@@ -94,7 +90,6 @@ impl Pacer {
 
     /// Waits until the pace allows `env_steps`, or `stop` is set.
     pub(super) fn wait(&mut self, env_steps: u64, shared: &Shared, stop: &AtomicBool) {
-        /// How soon a change is noticed.
         const SLICE: Duration = Duration::from_millis(10);
         let goal = env_steps as f64;
         loop {

@@ -18,10 +18,8 @@ use crate::text::{shortened, width};
 
 /// Simulated time per time; 1 is the middle.
 const SPEEDS: [f64; 9] = [0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
-/// How long the end of an episode stays.
 const REST: Duration = Duration::from_millis(1500);
 const KEYS: &str = " act  space pause  s step  n next seed  r again  +/- speed  q quit";
-/// Most actions whose values are shown.
 const MAX_VALUES: usize = 6;
 
 /// Plays a policy's episodes from the seeds `seed`, `seed + 1`, … until somebody quits or `stop` is set.
@@ -69,7 +67,6 @@ impl Watch {
         Ok(Self { name: name.into(), player, speed: SPEEDS.len() / 2, paused: false })
     }
 
-    /// Lets time pass.
     fn advance(&mut self, time: Duration) -> Result<(), EnvironmentError> {
         if self.paused { Ok(()) } else { self.player.advance(time, SPEEDS[self.speed], REST) }
     }
