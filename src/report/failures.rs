@@ -24,6 +24,11 @@ pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
     }))
 }
 
+/// The heading of [`last_tries`].
+pub(super) fn of_last_tries(begun: usize) -> String {
+    format!("Why the last tries of {begun} missing trials ended without a result; the next ones resume them:")
+}
+
 /// Why the last tries of missing trials ended, see [`reasons`].
 pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
     let name = |config: usize| study.configs[config].name.clone();
@@ -45,30 +50,11 @@ fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures>
     failures
 }
 
-/// How the last tries of missing trials ended, a line for each reason; nothing if there was none.
-pub(super) fn last_try_lines(last_tries: &[Failures], label: &dyn Fn(&str) -> String) -> Vec<String> {
-    lines(last_tries, label, |begun| {
-        format!(
-            "Why the last tries of {begun} missing trials ended without a result; the next ones resume them:"
-        )
-    })
-}
-
-/// A sentence on how many of the trials failed, and one on each reason; nothing if none did.
-pub(super) fn failure_lines(
+/// The heading for so many trials, and a line for each reason; nothing if there is none.
+pub(super) fn reason_lines(
     failures: &[Failures],
-    trials: usize,
-    label: &dyn Fn(&str) -> String,
-) -> Vec<String> {
-    lines(failures, label, |failed| {
-        format!("{failed} of {trials} trials failed and count with the lowest return of the task:")
-    })
-}
-
-fn lines(
-    failures: &[Failures],
-    label: &dyn Fn(&str) -> String,
     heading: impl Fn(usize) -> String,
+    label: impl Fn(&str) -> String,
 ) -> Vec<String> {
     let count: usize = failures.iter().map(|failures| failures.trials).sum();
     let line = |Failures { trials, reason, config, seed }: &Failures| {

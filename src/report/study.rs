@@ -1,11 +1,12 @@
 //! The report of a study, from its files.
 
+use std::io;
 use std::path::Path;
 
 use serde_json::json;
 
-use super::comparison::{Comparison, Scored, early_ends};
-use super::failures::{failures, last_tries, last_try_lines};
+use super::comparison::{Comparison, early_ends};
+use super::failures::{failures, last_tries, of_last_tries, reason_lines};
 use super::outcome::{self, Group};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
 use super::summary::{ConfigReport, StudyReport, config_report};
@@ -14,7 +15,6 @@ use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
 use crate::run::names::EVALUATIONS;
 use crate::study::{self, LastTry, NamedConfig, StudyDir};
 use crate::text::{visible, wrapped};
-use crate::trainer::Evaluation;
 
 const MAX_NAMED: usize = 3;
 
@@ -57,7 +57,10 @@ impl ReadStudy {
             last_tries: last_tries(study, left_out.last_tries),
             bootstrap: json!({"confidence": 0.95, "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED}),
             warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs, &labels)).collect(),
-            comparisons: comparisons(configs.iter().map(ConfigReport::scored)),
+            comparisons: configs[1..]
+                .iter()
+                .map(|config| Comparison::new(config.scored(), configs[0].scored()))
+                .collect(),
             seeds: study.seeds.clone(),
             configs,
         };
@@ -69,24 +72,20 @@ pub(super) fn report(path: &Path) -> Result<Report, ReportError> {
     let ReadStudy { groups, report, notes, .. } = ReadStudy::read(path)?;
     let mut files = plots::study(&report);
     let (text, json) = (describe(&report), json!(report));
-    files.insert(0, (EVALUATIONS, Box::new(move |file| csv(file, runs(&groups)))));
+    let rows = move |file: &mut dyn io::Write| {
+        let trials = groups.iter().flat_map(|Group { name, outcomes, .. }| {
+            outcomes.iter().map(|outcome| (name.as_str(), outcome.seed, outcome.evaluations()))
+        });
+        csv(file, trials)
+    };
+    files.insert(0, (EVALUATIONS, Box::new(rows)));
     Ok(Report { text, json, files, notes })
-}
-
-fn comparisons<'a>(mut scored: impl Iterator<Item = Scored<'a>>) -> Vec<Comparison> {
-    let first = scored.next();
-    first.map_or_else(Vec::new, |first| scored.map(|config| Comparison::new(config, first)).collect())
-}
-
-fn runs(groups: &[Group]) -> impl Iterator<Item = (&str, u64, Vec<Evaluation>)> {
-    groups.iter().flat_map(|Group { name, outcomes, .. }| {
-        outcomes.iter().map(|outcome| (name.as_str(), outcome.seed, outcome.evaluations()))
-    })
 }
 
 /// Why the last tries of missing trials ended, in words; nothing if there was none.
 pub(crate) fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
-    last_try_lines(&last_tries(study, tries), &visible).iter().map(|line| wrapped(line, 0)).collect()
+    let lines = reason_lines(&last_tries(study, tries), of_last_tries, visible);
+    lines.iter().map(|line| wrapped(line, 0)).collect()
 }
 
 /// What a reader must know to judge the numbers. Configs for which the same note is true share it.

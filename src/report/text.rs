@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::comparison::{Comparison, statements};
-use super::failures::{failure_lines, last_try_lines};
+use super::failures::{of_last_tries, reason_lines};
 use super::statistics::{Estimate, shown};
 use super::summary::{ConfigReport, ConfigRetention, Lasting, StepsToSolve, StudyReport};
 use crate::study::{LASTING_STEPS, SCORE_EPISODES, Study};
@@ -188,7 +188,10 @@ pub(super) fn conclusions(report: &StudyReport) -> Vec<String> {
 }
 
 fn failed(report: &StudyReport) -> Vec<String> {
-    failure_lines(&report.failures, report.finished, &|config| label(report, config))
+    let heading = |failed| {
+        format!("{failed} of {} trials failed and count with the lowest return of the task:", report.finished)
+    };
+    reason_lines(&report.failures, heading, |config| label(report, config))
 }
 
 /// How tables call a config; its name if it has no finished trial.
@@ -198,7 +201,7 @@ fn label(report: &StudyReport, name: &str) -> String {
 
 pub(super) fn remarks(report: &StudyReport) -> Vec<String> {
     let mut remarks = failed(report);
-    remarks.extend(last_try_lines(&report.last_tries, &|config| label(report, config)));
+    remarks.extend(reason_lines(&report.last_tries, of_last_tries, |config| label(report, config)));
     remarks.push(footnote(&report.configs));
     remarks
 }
