@@ -11,37 +11,9 @@ use crate::text::{self, COLUMNS, GAP, LEAST_NAME, legend, table, visible, width,
 use crate::trainer::LASTING_EPISODES;
 
 fn share_shown(count: usize, share: &Estimate) -> String {
-    let percent = |value: f64| 100.0 * value;
     match share.interval() {
-        Some((low, high)) => format!("{count} [{:.1}, {:.1} %]", percent(low), percent(high)),
+        Some((low, high)) => format!("{count} [{:.1}, {:.1} %]", 100.0 * low, 100.0 * high),
         None => count.to_string(),
-    }
-}
-
-impl ConfigReport {
-    fn solved(&self) -> Vec<String> {
-        vec![
-            share_shown(self.final_solved, &self.final_solved_share),
-            share_shown(self.best_solved, &self.best_solved_share),
-        ]
-    }
-
-    fn course(&self) -> Vec<String> {
-        let ConfigRetention { share, worst, collapses, collapsed_seeds, dips, dipped_seeds, .. } =
-            &self.retention;
-        vec![
-            self.ended_early.to_string(),
-            share.map_or_else(|| "-".into(), |share| format!("{:.1} %", 100.0 * share)),
-            worst.as_ref().map_or_else(|| "-".into(), |worst| format!("{:.1}", worst.mean)),
-            format!("{collapses} on {collapsed_seeds}"),
-            format!("{dips} on {dipped_seeds}"),
-        ]
-    }
-
-    fn solutions(&self) -> Vec<String> {
-        let steps = |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
-        let StepsToSolve { q10, q50, q90, never, .. } = self.steps_to_solve;
-        vec![steps(q10), steps(q50), steps(q90), never.to_string()]
     }
 }
 
@@ -100,11 +72,11 @@ fn ranked(configs: &[ConfigReport]) -> Table {
 pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
     let configs = &report.configs;
     let order = order(configs);
-    let table = |title: &str, heading: &[&str], cells: &dyn Fn(usize) -> Option<Vec<String>>| {
+    let table = |title: &str, heading: &[&str], cells: &dyn Fn(&ConfigReport) -> Option<Vec<String>>| {
         let mut rows = vec![["rank", "config"].iter().chain(heading).map(ToString::to_string).collect()];
         for (rank, &i) in order.iter().enumerate() {
             let name = [(rank + 1).to_string(), configs[i].label.clone()];
-            rows.extend(cells(i).map(|cells| [&name[..], &cells].concat()));
+            rows.extend(cells(&configs[i]).map(|cells| [&name[..], &cells].concat()));
         }
         Table { title: title.into(), rows }
     };
@@ -113,34 +85,52 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
         table(
             "How many seeds' final policy solves, and how many seeds' best one:",
             &["final solved", "best solved"],
-            &|i| Some(configs[i].solved()),
+            &|c| {
+                let of_final = share_shown(c.final_solved, &c.final_solved_share);
+                Some(vec![of_final, share_shown(c.best_solved, &c.best_solved_share)])
+            },
         ),
         table(
             "Steps before the first evaluation during training that solved, after which 10, 50 and 90 % of the seeds had \
              one; how many seeds had none; area under the learning curve:",
             &["10 %", "50 %", "90 %", "none", "area"],
-            &|i| Some([configs[i].solutions(), vec![shown(&configs[i].area_under_curve, 1)]].concat()),
+            &|c| {
+                let StepsToSolve { q10, q50, q90, never, .. } = c.steps_to_solve;
+                let steps =
+                    |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
+                let [q10, q50, q90] = [q10, q50, q90].map(steps);
+                Some(vec![q10, q50, q90, never.to_string(), shown(&c.area_under_curve, 1)])
+            },
         ),
         table(
             "How many runs a key ended early; the share of the evaluations after the first solution that solved too, and the \
              worst of them; how often a solution was lost, on how many seeds: in a collapse to less than half way back to the \
              random policy, and in a dip not so far:",
             &["ended early", "retained", "worst", "collapses", "dips"],
-            &|i| Some(configs[i].course()),
+            &|c| {
+                let ConfigRetention { share, worst, collapses, collapsed_seeds, dips, dipped_seeds, .. } =
+                    &c.retention;
+                Some(vec![
+                    c.ended_early.to_string(),
+                    share.map_or_else(|| "-".into(), |share| format!("{:.1} %", 100.0 * share)),
+                    worst.as_ref().map_or_else(|| "-".into(), |worst| format!("{:.1}", worst.mean)),
+                    format!("{collapses} on {collapsed_seeds}"),
+                    format!("{dips} on {dipped_seeds}"),
+                ])
+            },
         ),
-        table("Mean and median of the final policies over the seeds:", &["mean", "median"], &|i| {
-            Some(vec![shown(&configs[i].final_mean, 1), shown(&configs[i].final_median, 1)])
+        table("Mean and median of the final policies over the seeds:", &["mean", "median"], &|c| {
+            Some(vec![shown(&c.final_mean, 1), shown(&c.final_median, 1)])
         }),
     ];
     if configs.iter().any(|config| config.lasting.is_some()) {
         tables.push(table(
             &format!(
-                "How many seeds have a policy that lasts {} steps from all {} starts:",
-                LASTING_STEPS, LASTING_EPISODES
+                "How many seeds have a policy that lasts {LASTING_STEPS} steps from all {LASTING_EPISODES} starts:"
             ),
             &["final lasts", "best lasts"],
-            &|i| {
-                let Lasting { final_, best, final_share, best_share } = configs[i].lasting.as_ref()?;
+            &|c| {
+                let Lasting { final_, best, final_share, best_share } = c.lasting.as_ref()?;
                 Some(vec![share_shown(*final_, final_share), share_shown(*best, best_share)])
             },
         ));
@@ -152,8 +142,8 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
                  difference of the IQMs:"
             ),
             &["P(better)", "difference"],
-            &|i| {
-                let comparison = report.comparisons.get(i.checked_sub(1)?)?;
+            &|c| {
+                let comparison = report.comparisons.iter().find(|comparison| comparison.config == c.name)?;
                 Some(vec![shown(&comparison.probability_of_improvement, 3), shown(&comparison.iqm_difference, 1)])
             },
         ));
