@@ -46,18 +46,11 @@ impl TensorBoard {
         let file = BufWriter::new(directory.create_file(&path.join(name))?);
         let learning_rate = Box::new(learning_rate);
         let mut sink = Self { file, learning_rate, recent_lengths: VecDeque::new(), start: None };
-        let mut version = Vec::new();
-        put_double(&mut version, 1, wall_time());
-        put_bytes(&mut version, 3, b"brain.Event:2");
-        sink.write_record(&version)?;
+        sink.write_event(None, 3, b"brain.Event:2")?;
         if latest.is_some() {
             // `SessionLog { status = START }`: TensorBoard then forgets what earlier files hold from this step on. A run
             // that begins again at step 0 has no event of that step.
-            let mut start = Vec::new();
-            put_double(&mut start, 1, wall_time());
-            put_varint(&mut start, 2, if env_steps == 0 { 0 } else { env_steps + 1 });
-            put_bytes(&mut start, 7, &[1 << 3, 1]);
-            sink.write_record(&start)?;
+            sink.write_event(Some(if env_steps == 0 { 0 } else { env_steps + 1 }), 7, &[1 << 3, 1])?;
         }
         sink.file.flush()?;
         Ok(sink)
@@ -72,20 +65,24 @@ impl TensorBoard {
         for (tag, value) in scalars {
             let mut scalar = Vec::new();
             put_bytes(&mut scalar, 1, tag.as_ref().as_bytes());
-            put_float(&mut scalar, 2, value as f32);
+            varint(&mut scalar, 2 << 3 | 5);
+            scalar.extend((value as f32).to_le_bytes());
             put_bytes(&mut summary, 1, &scalar);
         }
-        let mut event = Vec::new();
-        put_double(&mut event, 1, wall_time());
-        put_varint(&mut event, 2, step);
-        put_bytes(&mut event, 5, &summary);
-        self.write_record(&event)
+        self.write_event(Some(step), 5, &summary)
     }
 
-    /// Length and content, each with its checksum.
-    fn write_record(&mut self, data: &[u8]) -> io::Result<()> {
-        let length = (data.len() as u64).to_le_bytes();
-        for part in [&length[..], data] {
+    /// A record with the event of now: its length and the event, each with its checksum.
+    fn write_event(&mut self, step: Option<u64>, field: u64, content: &[u8]) -> io::Result<()> {
+        let mut event = Vec::new();
+        varint(&mut event, 1 << 3 | 1);
+        event.extend(wall_time().to_le_bytes());
+        if let Some(step) = step {
+            varint(&mut event, 2 << 3);
+            varint(&mut event, step);
+        }
+        put_bytes(&mut event, field, content);
+        for part in [&(event.len() as u64).to_le_bytes()[..], &event] {
             self.file.write_all(part)?;
             self.file.write_all(&masked_crc(part).to_le_bytes())?;
         }
@@ -172,25 +169,10 @@ fn varint(message: &mut Vec<u8>, mut value: u64) {
     message.push(value as u8);
 }
 
-fn put_varint(message: &mut Vec<u8>, field: u64, value: u64) {
-    varint(message, field << 3);
-    varint(message, value);
-}
-
-fn put_double(message: &mut Vec<u8>, field: u64, value: f64) {
-    varint(message, field << 3 | 1);
-    message.extend(value.to_le_bytes());
-}
-
 fn put_bytes(message: &mut Vec<u8>, field: u64, bytes: &[u8]) {
     varint(message, field << 3 | 2);
     varint(message, bytes.len() as u64);
     message.extend(bytes);
-}
-
-fn put_float(message: &mut Vec<u8>, field: u64, value: f32) {
-    varint(message, field << 3 | 5);
-    message.extend(value.to_le_bytes());
 }
 
 #[cfg(test)]
