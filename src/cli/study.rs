@@ -152,8 +152,7 @@ pub(super) fn run(arguments: &StudyArguments) -> Result<(), Failure> {
     match arguments.shard {
         _ if arguments.status => print(&plan::status(&StudyDir::open_to_read(arguments.path())?)?),
         _ if arguments.plan => plan(arguments),
-        None => train_all(arguments),
-        Some(shard) => train_shard(arguments, shard),
+        shard => train_trials(arguments, shard),
     }
 }
 
@@ -167,26 +166,26 @@ fn plan(arguments: &StudyArguments) -> Result<(), Failure> {
     print(&plan::estimate(&dir, arguments.path(), &signals.stop)?)
 }
 
-fn train_all(arguments: &StudyArguments) -> Result<(), Failure> {
+/// Trains a shard or all, and says what came of it: of a shard only counts, as others train the rest.
+fn train_trials(arguments: &StudyArguments, shard: Option<Shard>) -> Result<(), Failure> {
     let dir = arguments.open()?;
-    let counts = train(arguments, &dir, Shard::ALL)?;
+    let counts = train(arguments, &dir, shard.unwrap_or(Shard::ALL))?;
+    let Counts { done, trained, failed, .. } = counts;
+    let path = arguments.path();
     if !arguments.quiet {
-        let (standing, out) = (report::standing(&dir)?, shown(arguments.path()));
-        print(&format!("{standing}\nstudy      {out}\nreport     {}\n", arguments.report_command()))?;
-    }
-    counts.failures(arguments)
-}
-
-fn train_shard(arguments: &StudyArguments, shard: Shard) -> Result<(), Failure> {
-    let dir = arguments.open()?;
-    let counts = train(arguments, &dir, shard)?;
-    if !arguments.quiet {
-        let Counts { done, trained, failed, .. } = counts;
-        print(&format!(
-            "trials     {done} of this shard, of which this process trained {trained}\nfailed     {failed}\n\
-             progress   cartpole-dqn study {} --status\n",
-            shell_word(&arguments.path().to_string_lossy())
-        ))?;
+        print(&match shard {
+            None => format!(
+                "{}\nstudy      {}\nreport     {}\n",
+                report::standing(&dir)?,
+                shown(path),
+                arguments.report_command()
+            ),
+            Some(_) => format!(
+                "trials     {done} of this shard, of which this process trained {trained}\nfailed     {failed}\n\
+                 progress   cartpole-dqn study {} --status\n",
+                shell_word(&path.to_string_lossy())
+            ),
+        })?;
     }
     counts.failures(arguments)
 }
@@ -266,28 +265,24 @@ impl Counts {
 
     fn left(&self) -> Option<String> {
         let Self { done, total, kept, lost, disturbed, .. } = self;
-        let mut what = format!("{done} of {total} trials are finished and kept.");
-        if let Some(first) = &self.first_disturbance {
-            what += &format!(" {disturbed} ended without a result, for example {first}.");
-        }
-        if *kept > 0 {
-            what += &format!(" {kept} that had begun are resumed from their checkpoints.");
-        }
-        if *lost > 0 {
-            what += &format!(" {lost} that had begun have no checkpoint and are trained again.");
-        }
-        what += " Resume the study with the same command:";
+        let first = self.first_disturbance.as_deref().unwrap_or_default();
+        let parts = [
+            (1, format!("{done} of {total} trials are finished and kept. ")),
+            (*disturbed, format!("{disturbed} ended without a result, for example {first}. ")),
+            (*kept, format!("{kept} that had begun are resumed from their checkpoints. ")),
+            (*lost, format!("{lost} that had begun have no checkpoint and are trained again. ")),
+            (1, "Resume the study with the same command:".into()),
+        ];
+        let what: String = parts.into_iter().filter(|(count, _)| *count > 0).map(|(_, part)| part).collect();
         let words = std::env::args_os().map(|word| visible(&shell_word(&word.to_string_lossy())));
         let command = words.collect::<Vec<_>>().join(" ");
         (done < total).then(|| format!("{}  {command}", wrapped(&what, 0)))
     }
 
     fn failures(&self, arguments: &StudyArguments) -> Result<(), Failure> {
-        let Self { failed, done, first_error, .. } = self;
-        let Some((_, error)) = first_error else { return Ok(()) };
+        let Self { failed, done, first_error: Some((_, error)), .. } = self else { return Ok(()) };
         let report = arguments.report_command();
-        let message = format!("{failed} of {done} trials failed, for example {error}; see: {report}");
-        Err(Failure::Failed(message))
+        Err(Failure::Failed(format!("{failed} of {done} trials failed, for example {error}; see: {report}")))
     }
 }
 
