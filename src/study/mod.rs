@@ -14,11 +14,8 @@ use std::path::{Path, PathBuf};
 
 use crate::text::shown;
 
-pub use plan::FORMAT_VERSION;
 pub(crate) use plan::MAX_SEEDS;
-pub use plan::NamedConfig;
-pub use plan::Shard;
-pub use plan::Study;
+pub use plan::{FORMAT_VERSION, NamedConfig, Shard, Study};
 pub use store::StudyDir;
 pub(crate) use store::{Finished, LastTry, Omitted};
 pub(crate) use trial::{Cause, LASTING_STEPS, PolicyScore, SCORE_EPISODES, Trial, TrialSummary, Unended};
