@@ -115,11 +115,9 @@ impl StudyDir {
     /// Records why a try ended. An error is ignored: the process has printed the reason, and the trial is missing either way.
     pub(super) fn record_last_try(&self, trial: (usize, u64), reason: &str) {
         let path = self.unfinished_file(trial, REASON);
-        let written = self
-            .directory
-            .create_dir(&self.path.join(UNFINISHED))
-            .and_then(|_| self.directory.write_whole(&path, None, |file| file.write_all(reason.as_bytes())));
-        drop(written);
+        let made = self.directory.create_dir(&self.path.join(UNFINISHED));
+        let write = |_| self.directory.write_whole(&path, None, |file| file.write_all(reason.as_bytes()));
+        drop(made.and_then(write));
     }
 
     pub(super) fn forget_last_try(&self, trial: (usize, u64)) {
@@ -149,10 +147,8 @@ impl StudyDir {
         let unfinished = self.path.join(UNFINISHED);
         if unfinished.is_dir() {
             let found = self.read_all(&mut |_| Ok(()))?.found;
-            self.kept()
-                .into_iter()
-                .filter(|trial| found.contains_key(trial))
-                .for_each(|trial| self.forget_unfinished(trial));
+            let done = self.kept().into_iter().filter(|trial| found.contains_key(trial));
+            done.for_each(|trial| self.forget_unfinished(trial));
             if found.len() as u64 == self.study.total() {
                 let _ = self.directory.remove_unfinished(&unfinished);
                 let _ = self.directory.remove_dir(&unfinished);
@@ -171,18 +167,24 @@ impl StudyDir {
             read_text_limited(&self.unfinished_file(trial, REASON), MAX_REASON)
                 .unwrap_or_else(|_| "it is still being trained, or its process was killed".into())
         };
-        let kept = self.kept().into_iter().filter(|trial| !found.contains_key(trial));
-        let kept = kept
-            .filter(|(config, seed)| *config < self.study.configs.len() && self.study.seeds.contains(seed));
-        let last_tries =
-            kept.map(|trial| LastTry { config: trial.0, seed: trial.1, reason: reason(trial) }).collect();
+        let is_missing = |trial: &(usize, u64)| {
+            let (config, seed) = trial;
+            !found.contains_key(trial)
+                && *config < self.study.configs.len()
+                && self.study.seeds.contains(seed)
+        };
+        let last_try = |(config, seed)| LastTry { config, seed, reason: reason((config, seed)) };
+        let last_tries = self.kept().into_iter().filter(is_missing).map(last_try).collect();
         Ok(Omitted { notes, last_tries })
     }
 
     fn read_all(&self, each: &mut Each) -> Result<Reader<'_>, StudyError> {
         let trials = self.path.join(TRIALS);
         let files = self.files().map_err(|error| StudyError::unreadable(&trials, &error))?;
-        let mut reader = Reader::new(files, &self.study);
+        let names = self.study.configs.iter().enumerate();
+        let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
+        let (study, found, notes) = (&self.study, HashMap::new(), Vec::new());
+        let mut reader = Reader { files, study, configs, found, notes, others: 0 };
         for file in 0..reader.files.len() {
             reader.read(file, each)?;
         }
@@ -206,11 +208,10 @@ impl StudyDir {
 fn refuse_links(path: &Path) -> Result<(), StudyError> {
     let check = || {
         let directory = Directory::open(path)?;
-        let unfinished = path.join(UNFINISHED);
-        for path in [path.join(MANIFEST), path.join(TRIALS), unfinished.clone()] {
-            directory.refuse_link(&path)?;
+        for name in [MANIFEST, TRIALS, UNFINISHED] {
+            directory.refuse_link(&path.join(name))?;
         }
-        let mut kept = fs::read_dir(unfinished).into_iter().flatten();
+        let mut kept = fs::read_dir(path.join(UNFINISHED)).into_iter().flatten();
         kept.try_for_each(|entry| directory.refuse_link(&entry?.path()))
     };
     check().map_err(|error| StudyError::directory(path, format!("cannot be used for a study: {error}")))
@@ -226,13 +227,7 @@ struct Reader<'a> {
     others: u64,
 }
 
-impl<'a> Reader<'a> {
-    fn new(files: Vec<PathBuf>, study: &'a Study) -> Self {
-        let names = study.configs.iter().enumerate();
-        let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
-        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0 }
-    }
-
+impl Reader<'_> {
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
         let path = self.files[file].clone();
         let unreadable = |error: io::Error| StudyError::unreadable(&path, &error);
@@ -337,15 +332,13 @@ impl TrialWriter {
 
     /// Appends a trial. After an error the file ends in the middle of a line, and nothing may follow.
     pub(super) fn append(&mut self, trial: &Trial) -> Result<(), StudyError> {
-        self.try_append(trial).map_err(|error| StudyError::Write(self.path.clone(), error))
-    }
-
-    fn try_append(&mut self, trial: &Trial) -> io::Result<()> {
-        let mut line = serde_json::to_vec(trial)?;
-        line.push(b'\n');
         self.is_empty = false;
-        self.file.write_all(&line)?;
-        if self.synced.elapsed() < SYNC_INTERVAL { Ok(()) } else { self.sync() }
+        let written = serde_json::to_vec(trial).map_err(io::Error::from).and_then(|mut line| {
+            line.push(b'\n');
+            self.file.write_all(&line)?;
+            if self.synced.elapsed() < SYNC_INTERVAL { Ok(()) } else { self.sync() }
+        });
+        written.map_err(|error| StudyError::Write(self.path.clone(), error))
     }
 
     fn sync(&mut self) -> io::Result<()> {
