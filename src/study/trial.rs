@@ -141,10 +141,9 @@ impl Trial {
         config.seed = seed;
         let mut keeper =
             Keeper { config: &config, place: unfinished, evaluations: Vec::new(), is_kept: false };
-        Self::try_run(&named.name, make, lasting, &mut keeper, stop).map_err(|cause| {
-            let is_kept = keeper.is_kept;
-            Unended { config: named.name.clone(), seed, cause, is_kept }
-        })
+        let ended = Self::try_run(&named.name, make, lasting, &mut keeper, stop);
+        let is_kept = keeper.is_kept;
+        ended.map_err(|cause| Unended { config: named.name.clone(), seed, cause, is_kept })
     }
 
     fn try_run(
@@ -174,29 +173,22 @@ impl Trial {
         };
         let best = trainer.best_policy().zip(progress.best_evaluation);
         let best = best.map(|(policy, evaluation)| score(policy, evaluation)).transpose()?;
-        let mut trial = Self {
-            config: name.to_owned(),
-            seed: config.seed,
-            error: None,
-            summary: None,
-            best,
-            final_: None,
-            evaluations: keeper.evaluations.clone(),
-        };
-        match ended {
-            Err(error) => trial.error = Some(error),
-            Ok(reason) => {
-                trial.final_ = match progress.last_evaluation {
-                    // One policy needs one score.
-                    last if last == progress.best_evaluation => trial.best.clone(),
-                    last => last.map(|last| score(&trainer.agent().policy(), last)).transpose()?,
-                };
-                let mut summary = json!(trainer.summary(reason, 0.0));
-                summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
-                trial.summary = Some(summary);
+        let (config, seed, evaluations) = (name.to_owned(), config.seed, keeper.evaluations.clone());
+        let reason = match ended {
+            Err(error) => {
+                let error = Some(error);
+                return Ok(Self { config, seed, error, summary: None, best, final_: None, evaluations });
             }
-        }
-        Ok(trial)
+            Ok(reason) => reason,
+        };
+        let final_ = match progress.last_evaluation {
+            // One policy needs one score.
+            last if last == progress.best_evaluation => best.clone(),
+            last => last.map(|last| score(&trainer.agent().policy(), last)).transpose()?,
+        };
+        let mut summary = json!(trainer.summary(reason, 0.0));
+        summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
+        Ok(Self { config, seed, error: None, summary: Some(summary), best, final_, evaluations })
     }
 
     pub(crate) fn solved(&self, spec: &Spec) -> bool {
