@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct ListedRun {
     path: String,
     /// `running`: a process trains it; `stopped`: it can be resumed; `failed`: it has diverged, and would again; `ended`; `damaged`.
@@ -71,10 +71,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let unreadable: Vec<Value> = found.unreadable.iter().map(problem).collect();
         return print_json(&json!({"runs": runs, "unreadable": unreadable}));
     }
-    match runs.is_empty() {
-        true => print(&format!("no runs below {}\n", shown(directory)))?,
-        false => print(&listed(&runs, directory))?,
-    }
+    let none = format!("no runs below {}\n", shown(directory));
+    print(&if runs.is_empty() { none } else { listed(&runs, directory) })?;
     for (path, error) in &found.unreadable {
         note(&format!("{} cannot be searched: {error}", shown(path)));
     }
@@ -89,48 +87,38 @@ impl ListedRun {
         let mut run = Self {
             path: path.to_string_lossy().into_owned(),
             state: "damaged",
-            problem: None,
             written: written_at(path).and_then(iso),
-            config: None,
-            changed: BTreeMap::new(),
-            seed: None,
-            env_steps: None,
-            best: None,
-            final_: None,
+            ..Self::default()
         };
-        let (directory, config) = match RunDir::open(path) {
-            Ok(opened) => opened,
-            Err(error) => {
-                run.problem = Some(error.to_string());
-                return run;
-            }
-        };
+        run.problem = run.read_files(path).err();
+        run
+    }
+
+    /// Reads all but the path and when it was written; the error is why the run is damaged.
+    fn read_files(&mut self, path: &Path) -> Result<(), String> {
+        let (directory, config) = RunDir::open(path).map_err(|error| error.to_string())?;
         let about = directory.read_about();
-        (run.seed, run.changed) = (Some(config.seed), changed_keys(&config));
-        run.config = about.as_ref().map(|about| about.config.clone());
-        let mut has_ended = false;
-        let read = read_events(&directory.metrics(), |event| {
+        (self.seed, self.changed) = (Some(config.seed), changed_keys(&config));
+        self.config = about.as_ref().map(|about| about.config.clone());
+        let (metrics, mut has_ended) = (directory.metrics(), false);
+        let read = read_events(&metrics, |event| {
             has_ended = matches!(event, Event::End { .. });
-            run.take(&event);
+            self.take(&event);
         });
-        if let Err(error) = read {
-            run.problem = Some(format!("{}: {error}", directory.metrics().display()));
-            return run;
-        }
+        read.map_err(|error| format!("{}: {error}", metrics.display()))?;
         let has_checkpoint = directory.last().exists() || directory.previous().exists();
-        run.state = match has_ended {
+        self.state = match has_ended {
             true if has_checkpoint => "ended",
             // Asked only if the run has not ended, because the question takes the lock for a moment.
-            false if is_locked(&directory.metrics()) => "running",
+            false if is_locked(&metrics) => "running",
             _ if !has_checkpoint => {
                 let checkpoints = directory.checkpoints();
-                run.problem = Some(format!("{}: {LAST} and {PREVIOUS} are missing", checkpoints.display()));
-                "damaged"
+                return Err(format!("{}: {LAST} and {PREVIOUS} are missing", checkpoints.display()));
             }
             _ if about.is_some_and(|about| about.failed.is_some()) => "failed",
             _ => "stopped",
         };
-        run
+        Ok(())
     }
 
     fn cells(&self, root: &Path) -> Vec<String> {
