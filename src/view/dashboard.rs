@@ -41,11 +41,7 @@ impl Series {
         }
         self.pushed += 1;
         if self.points.len() == Self::MOST {
-            let mut index = 0;
-            self.points.retain(|_| {
-                index += 1;
-                index % 2 == 1
-            });
+            self.points = self.points.iter().copied().step_by(2).collect();
             self.every *= 2;
         }
     }
@@ -262,15 +258,12 @@ impl Dashboard {
             Layout::horizontal([Constraint::Fill(1); 2]).spacing(2).areas(block.inner(area));
         frame.render_widget(block, area);
         let own = [("ε", &self.epsilon), ("loss", &self.loss)];
-        let lines: Vec<Line<'_>> = own
-            .into_iter()
-            .chain(self.known())
-            .map(|(name, series)| {
-                let latest = series.latest.map_or_else(|| "-".into(), short);
-                let width = usize::from(columns[0].width).saturating_sub(27);
-                Line::from(vec![format!("{name:<17}{latest:>8}  ").into(), series.sparkline(width).cyan()])
-            })
-            .collect();
+        let width = usize::from(columns[0].width).saturating_sub(27);
+        let line = |(name, series): (&str, &Series)| {
+            let latest = series.latest.map_or_else(|| "-".into(), short);
+            Line::from(vec![format!("{name:<17}{latest:>8}  ").into(), series.sparkline(width).cyan()])
+        };
+        let lines: Vec<Line<'_>> = own.into_iter().chain(self.known()).map(line).collect();
         for (column, lines) in columns.into_iter().zip(lines.chunks(lines.len().div_ceil(2))) {
             frame.render_widget(Paragraph::new(lines.to_vec()), column);
         }

@@ -62,7 +62,7 @@ impl Live {
     ) -> Result<Self, NoView> {
         let screen = Screen::open()?;
         let shared = Arc::new(Shared::new(pace, environment.spec().steps_per_second, env_steps));
-        close_in_panic(&shared);
+        close_in_panic(Arc::clone(&shared));
         let (messages, inbox) = channel();
         let view = View {
             screen,
@@ -79,20 +79,13 @@ impl Live {
             }
             Ok(())
         })?;
-        Ok(Self {
-            messages,
-            pacer: Pacer::new(env_steps),
-            shared,
-            stop: Arc::clone(&interrupts.stop),
-            ended: false,
-            view: Some(view),
-        })
+        let (pacer, stop) = (Pacer::new(env_steps), Arc::clone(&interrupts.stop));
+        Ok(Self { messages, pacer, shared, stop, ended: false, view: Some(view) })
     }
 }
 
 /// The screen that the panic of another thread has restored must stay so.
-fn close_in_panic(shared: &Arc<Shared>) {
-    let shared = Arc::clone(shared);
+fn close_in_panic(shared: Arc<Shared>) {
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         shared.closing.store(true, Ordering::SeqCst);
@@ -144,7 +137,12 @@ impl View {
     fn run(mut self) -> io::Result<bool> {
         let mut last = Instant::now();
         loop {
-            self.take_messages();
+            for message in self.inbox.try_iter() {
+                match message {
+                    Message::Event(event) => self.dashboard.take(&event),
+                    Message::Policy(policy) => self.dashboard.set_policy(&policy),
+                }
+            }
             if self.interrupts.arrived.swap(false, Ordering::Relaxed) && self.quit(Duration::ZERO) {
                 return Ok(true);
             }
@@ -162,12 +160,10 @@ impl View {
             };
             self.screen.draw(|frame| self.dashboard.draw(frame, &status))?;
             while let Some(key) = self.screen.key((2 * FRAME).saturating_sub(last.elapsed()))? {
-                if is_quit(key) {
-                    if self.quit(HELD) {
-                        return Ok(true);
-                    }
-                } else {
-                    self.press(key);
+                match is_quit(key) {
+                    true if self.quit(HELD) => return Ok(true),
+                    true => {}
+                    false => self.press(key),
                 }
             }
         }
@@ -179,15 +175,6 @@ impl View {
         let again = self.asked.is_some_and(|asked| asked.elapsed() >= ago);
         self.asked.get_or_insert_with(Instant::now);
         again
-    }
-
-    fn take_messages(&mut self) {
-        for message in self.inbox.try_iter() {
-            match message {
-                Message::Event(event) => self.dashboard.take(&event),
-                Message::Policy(policy) => self.dashboard.set_policy(&policy),
-            }
-        }
     }
 
     fn press(&self, key: KeyEvent) {
