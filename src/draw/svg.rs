@@ -1,7 +1,5 @@
 //! SVG, animated by SMIL: every browser plays it, as an image too, and it stays sharp.
 
-use std::fmt::Write;
-
 use super::{Motion, motions};
 use crate::env::scene::{Outline, Scene, Shape};
 
@@ -73,12 +71,10 @@ impl Animation {
         if values.iter().any(|value| value != first) {
             let held = values.last().into_iter().cycle().take(self.held);
             let values: Vec<&str> = values.iter().chain(held).map(String::as_str).collect();
-            // Writing to a string cannot fail.
-            let _ = writeln!(
-                text,
-                r#"<animateTransform attributeName="transform" type="{kind}" dur="{:.2}s" repeatCount="indefinite" values="{}"/>"#,
-                self.seconds,
-                values.join(";")
+            let (seconds, values) = (self.seconds, values.join(";"));
+            text += &format!(
+                "<animateTransform attributeName=\"transform\" type=\"{kind}\" dur=\"{seconds:.2}s\" \
+                 repeatCount=\"indefinite\" values=\"{values}\"/>\n"
             );
         }
         text + elements + "</g>\n"
