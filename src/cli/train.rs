@@ -162,17 +162,18 @@ fn has_ended(ended: &EndedRun, json: bool) -> Result<(), Failure> {
 
 fn what_is_kept(run: &RunDir, config: &Config, error: &TrainError) -> String {
     let path = run.path().display();
-    let kept = match () {
-        () if run.last().is_file() => format!("the last good checkpoint is kept in {path}"),
-        () if run.metrics().is_file() => format!("what was written is kept in {path}"),
-        () => {
+    let kept = match run.last().is_file() {
+        true => "the last good checkpoint",
+        false if run.metrics().is_file() => "what was written",
+        false => {
             return format!("the directory {path} is gone or was emptied, and the run with it; train again");
         }
     };
-    match error {
-        TrainError::Diverged { .. } => kept,
-        _ => format!("{kept}; when the problem is solved, resume with: {}", resume_command(run, config)),
-    }
+    let resume = match error {
+        TrainError::Diverged { .. } => String::new(),
+        _ => format!("; when the problem is solved, resume with: {}", resume_command(run, config)),
+    };
+    format!("{kept} is kept in {path}{resume}")
 }
 
 fn observers<'a>(
@@ -253,9 +254,8 @@ fn fitting(label: &str, value: &str) -> String {
 }
 
 fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str) -> String {
-    let Summary {
-        env_steps, episodes, updates, seed, wall_seconds, best_evaluation, final_evaluation, ..
-    } = record.summary;
+    let Summary { env_steps, episodes, updates, seed, wall_seconds, .. } = record.summary;
+    let evaluations = [record.summary.best_evaluation, record.summary.final_evaluation];
     let task = trainer.spec();
     let ended = match record.summary.end_reason {
         EndReason::Solved => "the first evaluation that solved the task (stop_when_solved)".into(),
@@ -269,9 +269,8 @@ fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str
         || "no episode has ended".into(),
         |mean| format!("mean return {mean:.1} over the last {} training episodes", episodes.min(100)),
     );
-    let [best, final_] = [best_evaluation, final_evaluation]
-        .map(|evaluation| evaluation.map_or_else(|| "none".into(), |evaluation| evaluated(evaluation, task)));
-    let collapsed = match [best_evaluation, final_evaluation].map(|e| e.map(|e| task.is_solved_by(e.mean))) {
+    let [best, final_] = evaluations.map(|e| e.map_or_else(|| "none".into(), |e| evaluated(e, task)));
+    let collapsed = match evaluations.map(|e| e.map(|e| task.is_solved_by(e.mean))) {
         [Some(true), Some(false)] => {
             "\nIn its evaluation the final policy no longer solves the task. The best policy is kept; use that one.\n"
         }
@@ -313,8 +312,9 @@ fn extending_command(EndedRun { dir, config, sets, can_resume, .. }: &EndedRun) 
     if *can_resume {
         return resume_command(dir, config) + &sets;
     }
-    let config_file = dir.config().to_string_lossy().into_owned();
-    format!("{} train --config {}{}{sets}", program(), shell_word(&config_file), allowance(config))
+    let config_file = dir.config();
+    let config_file = shell_word(&config_file.to_string_lossy());
+    format!("{} train --config {config_file}{}{sets}", program(), allowance(config))
 }
 
 fn resume_command(run: &RunDir, config: &Config) -> String {
