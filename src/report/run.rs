@@ -118,6 +118,12 @@ impl Run {
         let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();
         let curve: Vec<f64> = evaluations.iter().map(|evaluation| evaluation.mean).collect();
         let losses = history::losses(evaluations, &task);
+        // Only a statistic that moved after the last evaluation that solved can explain a collapse.
+        let collapse = |&LostSolution { before, lowest, collapse, recovered, .. }: &LostSolution| {
+            let after = collapse?;
+            let moved_first = moved_first(&history.statistics, before.env_steps, after.env_steps);
+            Some(Collapse { before, after, lowest, recovered, moved_first })
+        };
         let mut report = RunReport {
             format_version: FORMAT_VERSION,
             kind: "run",
@@ -133,7 +139,7 @@ impl Run {
             area_under_curve: history::area_under_curve(&grid, &curve),
             training: Training::of(&history.training, &task),
             retention: history::retention(evaluations, &task),
-            collapses: losses.iter().filter_map(|loss| history.collapse(loss)).collect(),
+            collapses: losses.iter().filter_map(collapse).collect(),
             dips: losses.iter().filter(|loss| loss.collapse.is_none()).copied().collect(),
             statements: Vec::new(),
         };
@@ -148,20 +154,15 @@ pub(super) fn names(directories: &[PathBuf]) -> Result<Vec<String>, ReportError>
         directory.canonicalize().map_err(|error| ReportError::unreadable(directory, &error))
     };
     let paths = directories.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
-    let parts: Vec<Vec<Component>> = paths.iter().map(|path| path.components().rev().collect()).collect();
-    let name = |i: usize| {
-        let own = &parts[i];
-        let is_other = |count: usize| {
-            let others = parts.iter().enumerate().filter(|(j, _)| *j != i);
-            others.map(|(_, other)| other).all(|other| other.iter().take(count).ne(own.iter().take(count)))
-        };
-        let count = (1..=own.len()).find(|&count| is_other(count));
-        let count =
-            count.ok_or_else(|| ReportError::new(&directories[i], "is given twice; give every run once"))?;
-        let end: PathBuf = own[..count].iter().rev().collect();
-        Ok(visible(&end.to_string_lossy()))
+    let parts: Vec<Vec<Component>> = paths.iter().map(|path| path.components().collect()).collect();
+    let name = |(own, directory): (&Vec<Component>, &PathBuf)| {
+        let mut ends = (0..own.len()).rev().map(|start| &own[start..]);
+        let is_own = |end: &&[Component]| parts.iter().filter(|other| other.ends_with(end)).count() == 1;
+        let end = ends.find(is_own);
+        let end = end.ok_or_else(|| ReportError::new(directory, "is given twice; give every run once"))?;
+        Ok(visible(&end.iter().collect::<PathBuf>().to_string_lossy()))
     };
-    (0..parts.len()).map(name).collect()
+    parts.iter().zip(directories).map(name).collect()
 }
 
 /// The report of the run in a directory.
@@ -176,18 +177,6 @@ pub(super) fn report(directory: &Path) -> Result<Report, ReportError> {
     };
     files.insert(0, (EVALUATIONS, Box::new(rows)));
     Ok(Report { text, json, files, notes: Vec::new() })
-}
-
-impl History {
-    /// Describes a loss that was a collapse. Only a statistic that moved after the last evaluation that solved can explain it.
-    fn collapse(
-        &self,
-        &LostSolution { before, lowest, collapse, recovered, .. }: &LostSolution,
-    ) -> Option<Collapse> {
-        let after = collapse?;
-        let moved_first = moved_first(&self.statistics, before.env_steps, after.env_steps);
-        Some(Collapse { before, after, lowest, recovered, moved_first })
-    }
 }
 
 /// The statistics that left their usual range first from `start` to `end`: all that did so at the earliest step.
@@ -206,18 +195,11 @@ fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Optio
         let (env_steps, value) = samples[i];
         let usual = &samples[i.saturating_sub(most)..i];
         let count = usual.len() as f64;
-        let mean = usual.iter().map(|(_, value)| value).sum::<f64>() / count;
-        let variance =
-            usual.iter().map(|(_, value)| (value - mean) * (value - mean)).sum::<f64>() / (count - 1.0);
-        let std = variance.sqrt();
-        let has_moved = (start..=end).contains(&env_steps) && (value - mean).abs() > MOVED * std;
-        has_moved.then(|| Moved {
-            statistic: name.into(),
-            env_steps,
-            value,
-            usual_mean: mean,
-            usual_std: std,
-        })
+        let usual_mean = usual.iter().map(|(_, value)| value).sum::<f64>() / count;
+        let squares = usual.iter().map(|(_, value)| (value - usual_mean) * (value - usual_mean));
+        let usual_std = (squares.sum::<f64>() / (count - 1.0)).sqrt();
+        let has_moved = (start..=end).contains(&env_steps) && (value - usual_mean).abs() > MOVED * usual_std;
+        has_moved.then(|| Moved { statistic: name.into(), env_steps, value, usual_mean, usual_std })
     })
 }
 
@@ -236,13 +218,9 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
             format!("the task has no threshold: the best of {evaluations} evaluations is {}", at(best))
         }
         _ => {
-            let verb =
-                if report.half_way.is_some_and(|half| best.mean >= half) { "solved" } else { "learned" };
-            format!(
-                "never {verb}: the best of {evaluations} evaluations is {}, and {} solves",
-                at(best),
-                task.goal()
-            )
+            let is_close = report.half_way.is_some_and(|half| best.mean >= half);
+            let (verb, best, goal) = (if is_close { "solved" } else { "learned" }, at(best), task.goal());
+            format!("never {verb}: the best of {evaluations} evaluations is {best}, and {goal} solves")
         }
     }];
     let end = if report.ended { "until the end of the run" } else { "so far" };
@@ -250,12 +228,8 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
         let recovery = recovered.map_or(format!("not solved again {end}"), |again| {
             format!("solved again at step {}", again.env_steps)
         });
-        let before = at(before);
-        said.push(format!(
-            "collapsed at step {}: {}, {before} before; {recovery}",
-            after.env_steps,
-            at(after)
-        ));
+        let (step, after, before) = (after.env_steps, at(after), at(before));
+        said.push(format!("collapsed at step {step}: {after}, {before} before; {recovery}"));
         for Moved { statistic, env_steps, value, usual_mean, usual_std } in moved_first {
             said.push(format!(
                 "  moved first: {statistic} was {value:.4} at step {env_steps}, {usual_mean:.4} ± {usual_std:.4} before"
@@ -268,10 +242,8 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
         }
     }
     if let Some(lowest) = report.dips.iter().map(|dip| dip.lowest).min_by(|a, b| a.mean.total_cmp(&b.mean)) {
-        let times = match report.dips.len() {
-            1 => "once".into(),
-            times => format!("{times} times"),
-        };
+        let count = report.dips.len();
+        let times = if count == 1 { "once".into() } else { format!("{count} times") };
         said.push(format!(
             "dipped {times} below the threshold without a collapse, which is below {:.1}, half way back to the random policy: \
              the lowest is {}",
