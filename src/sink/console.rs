@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::trainer::Budget;
-use crate::trainer::{Event, Observer};
+use crate::trainer::{Budget, Event, Observer};
 
 const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
@@ -39,15 +38,8 @@ impl Console {
             bar.set_position(start_steps);
             bar.reset_eta();
         }
-        Self {
-            bar,
-            budget,
-            learning: None,
-            last_line: None,
-            episode: String::new(),
-            evaluation: String::new(),
-            details: String::new(),
-        }
+        let [episode, evaluation, details] = [const { String::new() }; 3];
+        Self { bar, budget, learning: None, last_line: None, episode, evaluation, details }
     }
 
     fn show(&mut self, env_steps: u64, episodes: Option<u64>, line_is_due: bool) {
@@ -131,9 +123,9 @@ impl Observer for EpisodeLog {
             && (episode + 1).is_multiple_of(self.every)
         {
             let (number, of_total) = (episode + 1, &self.of_total);
+            let line = format!("episode {number}{of_total}  return {return_}  epsilon {epsilon:.2}");
             // A closed stderr is no reason to stop a run.
-            let _ =
-                writeln!(io::stderr(), "episode {number}{of_total}  return {return_}  epsilon {epsilon:.2}");
+            let _ = writeln!(io::stderr(), "{line}");
         }
         Ok(())
     }
