@@ -82,16 +82,14 @@ fn is_inside((x, y): (f64, f64), corners: &[(f64, f64)]) -> bool {
 /// Whether a point lies on the line between `a` and `b`. Most points do not even lie in its bounding box.
 fn is_on_line(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
     let is_beside = |at: f64, a: f64, b: f64| at < a.min(b) - 0.5 || at > a.max(b) + 0.5;
-    !is_beside(point.0, a.0, b.0) && !is_beside(point.1, a.1, b.1) && distance(point, a, b) < 0.5
-}
-
-/// The distance of a point from the line between `a` and `b`.
-fn distance(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
+    if is_beside(point.0, a.0, b.0) || is_beside(point.1, a.1, b.1) {
+        return false;
+    }
     let (across, along) = ((point.0 - a.0, point.1 - a.1), (b.0 - a.0, b.1 - a.1));
     let length = along.0 * along.0 + along.1 * along.1;
     let dot = across.0 * along.0 + across.1 * along.1;
     let share = if length > 0.0 { (dot / length).clamp(0.0, 1.0) } else { 0.0 };
-    libm::hypot(across.0 - share * along.0, across.1 - share * along.1)
+    libm::hypot(across.0 - share * along.0, across.1 - share * along.1) < 0.5
 }
 
 /// One shape throughout an episode.
