@@ -77,17 +77,13 @@ impl Comparison {
     /// The sentence: the verdict, and the two intervals that it follows from.
     fn said(&self, seeds: usize) -> String {
         let [config, against] = &self.labels;
-        let places = |estimate: &Estimate, equal: f64| {
-            if side(estimate, equal) == Some(0) { "contains" } else { "excludes" }
+        let interval = |estimate: &Estimate, digits: usize, equal: f64| {
+            let place = if side(estimate, equal) == Some(0) { "contains" } else { "excludes" };
+            format!("{} {place} {equal}", shown(estimate, digits))
         };
-        let (probability, difference) = (&self.probability_of_improvement, &self.iqm_difference);
-        let intervals = format!(
-            "P(better) {} {} 0.5, the difference of the IQMs {} {} 0",
-            shown(probability, 3),
-            places(probability, 0.5),
-            shown(difference, 1),
-            places(difference, 0.0)
-        );
+        let probability = interval(&self.probability_of_improvement, 3, 0.5);
+        let difference = interval(&self.iqm_difference, 1, 0.0);
+        let intervals = format!("P(better) {probability}, the difference of the IQMs {difference}");
         match self.verdict {
             ComparisonVerdict::Better => format!("{config} is better than {against}: {intervals}"),
             ComparisonVerdict::Worse => format!("{against} is better than {config}: {intervals}"),
