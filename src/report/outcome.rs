@@ -71,13 +71,8 @@ impl TrialOutcome {
 
 /// The configs that have finished trials, and what a report leaves out.
 pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), ReportError> {
-    let named = study_dir.study().configs.iter();
-    let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {
-        name: name.clone(),
-        task: task.clone(),
-        outcomes: Vec::new(),
-    };
-    let mut groups: Vec<Group> = named.map(group).collect();
+    let group = |NamedConfig { name, task, .. }: NamedConfig| Group { name, task, outcomes: Vec::new() };
+    let mut groups: Vec<Group> = study_dir.study().configs.iter().cloned().map(group).collect();
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
     let left_out = study_dir.read(|trial| {
         let config = trial.config;
