@@ -56,12 +56,10 @@ pub(super) fn run(
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
     let mut plot = returns(Layout::FILE, &format!("Learning curve of {name}"), task, end);
-    for (series, (points, text)) in
-        [(&points[..], "evaluations"), (training, "last 100 training episodes")].into_iter().enumerate()
-    {
-        plot.line(series, points);
-        plot.legend(series, text);
-    }
+    plot.line(0, &points);
+    plot.line(1, training);
+    plot.legend(0, "evaluations");
+    plot.legend(1, "last 100 training episodes");
     vec![(PLOTS[4], whole(plot.finish()))]
 }
 
@@ -155,27 +153,28 @@ fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> 
 
 /// Differences of the IQMs from the first config's; for a single config its IQM. The axis covers only these values.
 fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layout) -> Plot {
-    let differences =
-        comparisons.iter().map(|Comparison { labels, iqm_difference, .. }| (&labels[0], iqm_difference));
-    let mut rows: Vec<(&String, &Estimate)> = differences.collect();
-    let (what, is_difference) = match comparisons.first() {
-        Some(Comparison { labels, .. }) => (format!("Difference of the final IQMs from {}", labels[1]), true),
-        None => ("IQM of the final policies over seeds".into(), false),
+    let is_difference = !comparisons.is_empty();
+    let (what, label, rows): (_, _, Vec<(&String, &Estimate)>) = match comparisons.first() {
+        Some(Comparison { labels: [_, against], .. }) => {
+            let what = format!("Difference of the final IQMs from {against}");
+            (
+                what,
+                "difference of the mean return",
+                comparisons.iter().map(|c| (&c.labels[0], &c.iqm_difference)).collect(),
+            )
+        }
+        None => {
+            let rows = configs.iter().map(|config| (&config.label, &config.final_iqm));
+            ("IQM of the final policies over seeds".into(), "mean return", rows.collect())
+        }
     };
-    if !is_difference {
-        rows = configs.iter().map(|config| (&config.label, &config.final_iqm)).collect();
-    }
     let title = with_intervals(&what, rows.iter().map(|(_, estimate)| *estimate), "bootstrap");
-    let values =
-        rows.iter().flat_map(|(_, estimate)| [Some(estimate.value), estimate.low, estimate.high]).flatten();
-    let values: Vec<f64> = values.chain(is_difference.then_some(0.0)).collect();
-    let (low, high) = (
-        values.iter().copied().fold(f64::INFINITY, f64::min),
-        values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-    );
+    let values = rows.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
+    let values = values.chain(is_difference.then_some(0.0));
+    let low = values.clone().fold(f64::INFINITY, f64::min);
+    let high = values.fold(f64::NEG_INFINITY, f64::max);
     let air = if high > low { 0.08 * (high - low) } else { 0.5 };
     let count = rows.len() as f64;
-    let label = if is_difference { "difference of the mean return" } else { "mean return" };
     let (x, y) = ((low - air, high + air), (0.0, count));
     let mut plot = Plot::new(layout.for_rows(rows.len()), &title, [label, ""], x, y);
     plot.has_y_ticks = false;
