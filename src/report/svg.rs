@@ -1,7 +1,5 @@
 //! Plots as SVG: axes, lines, steps, bands and intervals on a light background. The same data give the same bytes.
 
-use std::fmt::Write;
-
 use crate::text::{lines, visible};
 
 pub(super) const START: &str = r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 "#;
@@ -84,26 +82,13 @@ pub(super) struct Plot {
 
 impl Plot {
     /// A plot over these ranges, which are widened if they are too narrow.
-    pub(super) fn new(
-        layout: Layout,
-        title: &str,
-        [x_label, y_label]: [&str; 2],
-        x: (f64, f64),
-        y: (f64, f64),
-    ) -> Self {
+    pub(super) fn new(layout: Layout, title: &str, labels: [&str; 2], x: (f64, f64), y: (f64, f64)) -> Self {
         let title = lines(&visible(title), LINE);
         let more = if layout.named { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
-        Self {
-            layout: Layout { top: layout.top + more, height: layout.height + more, ..layout },
-            title,
-            labels: [escaped(x_label), escaped(y_label)],
-            x: drawable(x),
-            y: drawable(y),
-            has_y_ticks: true,
-            is_logarithmic: false,
-            marks: String::new(),
-            legend: Vec::new(),
-        }
+        let layout = Layout { top: layout.top + more, height: layout.height + more, ..layout };
+        let (x, y, labels) = (drawable(x), drawable(y), labels.map(escaped));
+        let (marks, legend) = (String::new(), Vec::new());
+        Self { layout, title, labels, x, y, has_y_ticks: true, is_logarithmic: false, marks, legend }
     }
 
     fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
@@ -112,17 +97,16 @@ impl Plot {
             ((value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)).clamp(0.0, 1.0)
         };
         let Layout { width, height, left, right, top, bottom, .. } = self.layout;
-        (
-            left + share(x, self.x) * (width - left - right),
-            height - bottom - share(y, self.y) * (height - top - bottom),
-        )
+        let (across, up) =
+            (share(x, self.x) * (width - left - right), share(y, self.y) * (height - top - bottom));
+        (left + across, height - bottom - up)
     }
 
     fn path(&self, points: impl Iterator<Item = (f64, f64)>) -> String {
         let mut path = String::new();
         for (i, point) in points.filter(|(x, y)| x.is_finite() && y.is_finite()).enumerate() {
             let (x, y) = self.place(point);
-            let _ = write!(path, "{}{x:.1},{y:.1}", if i == 0 { "M" } else { "L" });
+            path += &format!("{}{x:.1},{y:.1}", if i == 0 { "M" } else { "L" });
         }
         path
     }
@@ -251,14 +235,15 @@ impl Plot {
         let (left, bottom) = self.place((self.x.0, self.y.0));
         let (right, top) = self.place((self.x.1, self.y.1));
         let grid = format!("stroke=\"{GRID}\"");
-        let most = ((self.layout.width - self.layout.left - self.layout.right) / TICK.0).min(10.0);
-        let x_ticks = ticks(self.x, most);
+        let Layout { width, height, left: before, right: after, top: above, bottom: below, .. } = self.layout;
+        let x_ticks = ticks(self.x, ((width - before - after) / TICK.0).min(10.0));
         for (&tick, number) in x_ticks.iter().zip(numbers(&x_ticks)) {
             let (x, _) = self.place((tick, 0.0));
             axes += &path(&format!("M{x:.1},{top:.1}V{bottom:.1}"), &grid);
             axes += &(text(x, bottom + 18.0, r#" text-anchor="middle""#, &number) + "\n");
         }
-        let y_ticks = self.y_tick_values();
+        let mut y_ticks = ticks(self.y, ((height - above - below) / TICK.1).min(10.0));
+        y_ticks.retain(|tick| self.has_y_ticks && (!self.is_logarithmic || tick.fract() == 0.0));
         for (&tick, number) in y_ticks.iter().zip(numbers(&y_ticks)) {
             let (_, y) = self.place((0.0, tick));
             let number = if self.is_logarithmic { format!("1e{tick}") } else { number };
@@ -267,16 +252,6 @@ impl Plot {
         }
         let frame = format!("M{left:.1},{top:.1}V{bottom:.1}H{right:.1}");
         axes + &path(&frame, &format!(r#"fill="none" stroke="{AXIS}""#)) + "\n"
-    }
-
-    fn y_tick_values(&self) -> Vec<f64> {
-        if !self.has_y_ticks {
-            return Vec::new();
-        }
-        let most = ((self.layout.height - self.layout.top - self.layout.bottom) / TICK.1).min(10.0);
-        let mut values = ticks(self.y, most);
-        values.retain(|tick| !self.is_logarithmic || tick.fract() == 0.0);
-        values
     }
 
     pub(super) fn finish(self) -> String {
