@@ -1,6 +1,6 @@
 //! `cartpole-dqn check`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -51,19 +51,18 @@ struct PrintedVerdict<'a> {
 }
 
 pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
-    let (file, update) = if is_standard_input(&arguments.file) {
-        let file = PathBuf::from("standard input");
-        let update = Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, &file)?;
-        (file, update)
-    } else {
-        (arguments.file.clone(), Update::read(&arguments.file)?)
+    let is_standard = is_standard_input(&arguments.file);
+    let file = if is_standard { Path::new("standard input") } else { &arguments.file };
+    let update = match is_standard {
+        true => Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, file)?,
+        false => Update::read(file)?,
     };
     let verdict = check_in_view(&update);
     if arguments.json {
-        let file = shown(&file);
-        print_json(&PrintedVerdict { file, settings: update.settings, verdict: &verdict })?;
+        let (file, settings) = (shown(file), update.settings);
+        print_json(&PrintedVerdict { file, settings, verdict: &verdict })?;
     } else {
-        print(&describe(&shown(&file), &update, &verdict))?;
+        print(&describe(&shown(file), &update, &verdict))?;
     }
     if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
 }
@@ -149,10 +148,7 @@ fn not_tried(verdict: &Verdict) -> String {
 
 fn settings(update: &Update) -> String {
     let Settings { gamma, learning_rate, beta1, beta2, epsilon, .. } = update.settings;
-    let loss = match update.settings.loss {
-        Loss::Mse => "mse",
-        Loss::Huber => "huber",
-    };
+    let loss = if update.settings.loss == Loss::Mse { "mse" } else { "huber" };
     let double = if update.settings.double { "double, " } else { "" };
     let norm = update.settings.max_gradient_norm;
     let norm = norm.map_or(String::new(), |norm| format!(", max_gradient_norm {norm}"));
@@ -167,24 +163,21 @@ fn settings(update: &Update) -> String {
 
 fn state(quantity: &Judged, verdict: &Verdict) -> String {
     let difference = quantity.largest_relative_difference.unwrap_or(0.0);
-    let is_given = verdict
-        .quantities
-        .iter()
-        .take_while(|other| other.name != quantity.name)
-        .any(|other| matches!(other.state, QuantityState::Explained | QuantityState::Different));
+    let mut above = verdict.quantities.iter().take_while(|other| other.name != quantity.name);
+    let is_given =
+        above.any(|other| matches!(other.state, QuantityState::Explained | QuantityState::Different));
     let given = if is_given { " given the above" } else { "" };
     let differing = match quantity.numbers {
         1 => String::new(),
         numbers => format!(", {} of {numbers}", quantity.differing),
     };
     let difference = format!("(largest relative difference {difference:.1e})");
+    let differs = format!("DIFFERENT{given}{differing} {difference}");
     match quantity.state {
         QuantityState::Absent => "absent".into(),
         QuantityState::Equal => format!("equal{given} {difference}"),
-        QuantityState::Explained => format!("DIFFERENT{given}{differing} {difference}"),
-        QuantityState::Different => {
-            format!("DIFFERENT{given}{differing} {difference}, and no known mistake gives these numbers")
-        }
+        QuantityState::Explained => differs,
+        QuantityState::Different => differs + ", and no known mistake gives these numbers",
     }
 }
 
