@@ -71,22 +71,20 @@ fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
             command = command.find_subcommand(word).unwrap_or(command);
         }
     }
+    let values_of = |argument: Option<&Arg>, word| argument.map_or_else(Vec::new, |arg| values(arg, word));
     let mut all = match word.split_once('=') {
-        _ if waiting.is_some() => waiting.map_or_else(Vec::new, |option| values(option, word)),
+        _ if waiting.is_some() => values_of(waiting, word),
         Some((name, value)) if word.starts_with('-') => {
-            let values = named(command, name).map_or_else(Vec::new, |option| values(option, value));
-            let with_name = |(value, help): Candidate| match is_request(&value) {
-                true => (value, help),
-                false => (format!("{name}={value}"), help),
-            };
-            values.into_iter().map(with_name).collect()
+            let mut values = values_of(named(command, name), value);
+            let words = values.iter_mut().map(|(value, _)| value).filter(|value| !is_request(value));
+            words.for_each(|value| value.insert_str(0, &format!("{name}=")));
+            values
         }
         _ if word.starts_with('-') => options(command, before),
         _ => {
             let commands = command.get_subcommands().filter(|command| !command.is_hide_set());
             let about = |command: &Command| (command.get_name().into(), first_line(command.get_about()));
-            let positional = command.get_positionals().next();
-            let values = positional.map_or_else(Vec::new, |positional| values(positional, word));
+            let values = values_of(command.get_positionals().next(), word);
             let all: Vec<Candidate> = commands.map(about).chain(values).collect();
             if all.is_empty() { options(command, before) } else { all }
         }
