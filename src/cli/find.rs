@@ -20,18 +20,18 @@ pub(super) struct FoundRuns {
 }
 
 pub(super) fn newest_with_policy(directory: &Path) -> Result<PathBuf, Failure> {
-    let none = |what: &str| {
+    let (exists, place) = (directory.exists(), directory.display());
+    let runs = if exists { find(directory)?.runs } else { Vec::new() };
+    runs.into_iter().find(|run| checkpoint_of(run).is_ok()).ok_or_else(|| {
+        let what = match exists {
+            true => format!("no run below {place} has a policy"),
+            false => format!("there is no directory {place} here"),
+        };
         Failure::BadInput(format!(
             "no path is given, and {what}; train a policy with: cartpole-dqn train, or give the path of one, such as \
              runs/my-run"
         ))
-    };
-    if !directory.exists() {
-        return Err(none(&format!("there is no directory {} here", directory.display())));
-    }
-    let runs = find(directory)?.runs;
-    let newest = runs.into_iter().find(|run| checkpoint_of(run).is_ok());
-    newest.ok_or_else(|| none(&format!("no run below {} has a policy", directory.display())))
+    })
 }
 
 /// The runs below a directory, the newest first; of equally new ones first the one whose name is last.
