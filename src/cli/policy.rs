@@ -70,16 +70,21 @@ impl PolicyArguments {
     pub(super) fn find(&self, quiet: bool) -> Result<LocatedPolicy, Failure> {
         let typed = self.path.as_ref().or(self.checkpoint.as_ref());
         let place = match typed {
-            Some(place) if is_standard_input(place) => return self.read_standard_input(),
-            Some(place) => place.clone(),
-            None => {
-                let run = newest_with_policy(Path::new(RUNS))?;
-                if !quiet {
-                    note(&format!("no path is given, so this is the newest run: {}", shown(&run)));
-                }
-                run
+            Some(place) if is_standard_input(place) => {
+                let file = PathBuf::from("standard input");
+                let mut stdin = standard_input("cartpole-dqn eval - < last.safetensors")?;
+                let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read);
+                return match checkpoint {
+                    Ok(checkpoint) => self.found(STANDARD.into(), file, checkpoint),
+                    Err(problem) => Err(CheckpointError { path: file, problem }.into()),
+                };
             }
+            Some(place) => place.clone(),
+            None => newest_with_policy(Path::new(RUNS))?,
         };
+        if typed.is_none() && !quiet {
+            note(&format!("no path is given, so this is the newest run: {}", shown(&place)));
+        }
         let file = checkpoint_of(&place)?;
         let checkpoint = Checkpoint::read(&file)?;
         self.found(place, file, checkpoint)
@@ -100,14 +105,6 @@ impl PolicyArguments {
             ))),
             _ => Ok(LocatedPolicy { place, file, checkpoint, environment }),
         }
-    }
-
-    fn read_standard_input(&self) -> Result<LocatedPolicy, Failure> {
-        let file = PathBuf::from("standard input");
-        let mut stdin = standard_input("cartpole-dqn eval - < last.safetensors")?;
-        let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
-            .map_err(|problem| CheckpointError { path: file.clone(), problem })?;
-        self.found(STANDARD.into(), file, checkpoint)
     }
 }
 
@@ -136,10 +133,9 @@ impl LocatedPolicy {
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
         let policy = SavedPolicy::of(&self.checkpoint, &self.spec()?);
         policy.map_err(|problem| {
-            let is_for_another = matches!(
-                problem,
-                CheckpointProblem::Tensor(TensorError::WrongNetwork { .. } | TensorError::WrongTable { .. })
-            );
+            use TensorError::{WrongNetwork, WrongTable};
+            let is_for_another =
+                matches!(problem, CheckpointProblem::Tensor(WrongNetwork { .. } | WrongTable { .. }));
             let error = CheckpointError { path: self.file.clone(), problem };
             match is_for_another && self.checkpoint.header::<Header>().is_err() {
                 true => Failure::BadInput(format!("{error}; --environment NAME says what it plays")),
