@@ -83,9 +83,7 @@ impl From<RunError> for Failure {
             RunError::Environment(error) => error.into(),
             RunError::Unwritable { ref source, .. } => Self::unwritten(error.to_string(), source),
             RunError::Failed(message) => Self::Failed(message),
-            RunError::Directory { .. } | RunError::BadInput(_) | RunError::Config(_) => {
-                Self::BadInput(on_one_line(&error))
-            }
+            _ => Self::BadInput(on_one_line(&error)),
         }
     }
 }
@@ -104,7 +102,7 @@ impl From<NoView> for Failure {
         match error {
             NoView::Environment(_) => Self::Disturbed(error.to_string()),
             NoView::Terminal(_) => Self::Failed(error.to_string()),
-            NoView::NoTerminal | NoView::Dumb | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
+            _ => Self::BadInput(error.to_string()),
         }
     }
 }
