@@ -35,8 +35,7 @@ pub(crate) fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f6
     let mut before = None;
     for (index, scene) in scenes.iter().enumerate() {
         let changed = draw(scene, &palette, changed_area(before, scene), &mut shown);
-        let last = index + 1 == scenes.len();
-        let delay = if last { 100 } else { delay };
+        let delay = if index + 1 == scenes.len() { 100 } else { delay };
         encoder.write_frame(&Frame { delay, ..changed }).map_err(io_error)?;
         before = Some(scene);
     }
@@ -179,16 +178,9 @@ fn draw(scene: &Scene, palette: &Palette, area: Area, shown: &mut [u8]) -> Frame
     let Area { left, top, right, bottom } = changed;
     let rows = pixels.chunks_exact(usize::from(WIDTH)).take(usize::from(bottom)).skip(usize::from(top));
     let buffer: Vec<u8> = rows.flat_map(|row| &row[usize::from(left)..usize::from(right)]).copied().collect();
-    Frame {
-        left,
-        top,
-        width: right - left,
-        height: bottom - top,
-        buffer: buffer.into(),
-        transparent: Some(unchanged),
-        dispose: DisposalMethod::Keep,
-        ..Frame::default()
-    }
+    let (width, height, buffer, transparent) = (right - left, bottom - top, buffer.into(), Some(unchanged));
+    let dispose = DisposalMethod::Keep;
+    Frame { left, top, width, height, buffer, transparent, dispose, ..Frame::default() }
 }
 
 /// The number of samples of each color in the pixel with the upper left corner (x, y).
