@@ -28,25 +28,18 @@ impl<'a> Placed<'a> {
     fn new(shape: &'a Shape) -> Self {
         let (sin, cos) = (libm::sin(shape.angle), libm::cos(shape.angle));
         let bounds = Bounds { left: 0.0, right: 0.0, bottom: 0.0, top: 0.0 };
-        let mut placed = Self { shape, sin, cos, bounds };
-        placed.bounds = placed.own_bounds();
-        placed
-    }
-
-    fn own_bounds(&self) -> Bounds {
-        let (points, margin) = match &self.shape.outline {
+        let placed = Self { shape, sin, cos, bounds };
+        let (points, margin) = match &shape.outline {
             Outline::Polygon(points) => (&points[..], 0.0),
             Outline::Circle(radius) => (&[(0.0, 0.0)][..], *radius),
             Outline::Line(points) => (&points[..], 0.5),
         };
-        let points: Vec<_> = points.iter().map(|&point| self.in_picture(point)).collect();
-        let smallest = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::INFINITY, f64::min) - margin;
-        Bounds {
-            left: smallest(&mut points.iter().map(|point| point.0)),
-            right: -smallest(&mut points.iter().map(|point| -point.0)),
-            bottom: smallest(&mut points.iter().map(|point| point.1)),
-            top: -smallest(&mut points.iter().map(|point| -point.1)),
-        }
+        let points: Vec<_> = points.iter().map(|&point| placed.in_picture(point)).collect();
+        let smallest =
+            |value: fn(&(f64, f64)) -> f64| points.iter().map(value).fold(f64::INFINITY, f64::min) - margin;
+        let (left, right) = (smallest(|point| point.0), -smallest(|point| -point.0));
+        let (bottom, top) = (smallest(|point| point.1), -smallest(|point| -point.1));
+        Self { bounds: Bounds { left, right, bottom, top }, ..placed }
     }
 
     /// Where a point of the outline is in the picture.
@@ -103,12 +96,9 @@ pub(crate) struct Motion<'a> {
 pub(crate) fn motions(scenes: &[Scene]) -> Vec<Motion<'_>> {
     let shapes = scenes.first().map_or(&[][..], |scene| &scene.shapes);
     let motion = |(i, shape): (usize, _)| {
-        let placed = || scenes.iter().filter_map(move |scene: &Scene| scene.shapes.get(i));
-        Motion {
-            shape,
-            at: placed().map(|shape| shape.at).collect(),
-            angle: placed().map(|shape| shape.angle).collect(),
-        }
+        let placed = scenes.iter().filter_map(|scene| scene.shapes.get(i));
+        let (at, angle) = placed.map(|shape| (shape.at, shape.angle)).unzip();
+        Motion { shape, at, angle }
     };
     shapes.iter().enumerate().map(motion).collect()
 }
