@@ -72,9 +72,8 @@ impl FromStr for Shard {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let shard = text
-            .split_once('/')
-            .and_then(|(index, count)| Some(Self { index: index.parse().ok()?, count: count.parse().ok()? }));
+        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        let shard = parts.map(|(index, count)| Self { index, count });
         shard.filter(|shard| shard.index < shard.count).ok_or_else(|| {
             "expected I/N with integers, I from 0 to N − 1, for example 0/4, 1/4, 2/4 and 3/4".into()
         })
@@ -152,21 +151,20 @@ impl Study {
         let manifest = path.join(MANIFEST);
         if is_free(path).map_err(bad)? {
             let made = create_folders(path).map_err(unwritable)?;
-            match Directory::open(path).and_then(|directory| directory.write_json_new(&manifest, self)) {
-                // Another process was faster; whether it runs the same study is seen below.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                written => written.map_err(|error| {
-                    remove_empty(&made);
-                    unwritable(error)
-                })?,
+            let written =
+                Directory::open(path).and_then(|directory| directory.write_json_new(&manifest, self));
+            // Another process may have been faster; whether it runs the same study is seen below.
+            if let Err(error) = written
+                && error.kind() != io::ErrorKind::AlreadyExists
+            {
+                remove_empty(&made);
+                return Err(unwritable(error));
             }
         }
-        if self.has_more_seeds_than(&read_manifest(path).map_err(bad)?).map_err(bad)? {
-            Directory::open(path)
-                .and_then(|directory| directory.write_json(&manifest, self))
-                .map_err(unwritable)?;
+        match self.has_more_seeds_than(&read_manifest(path).map_err(bad)?).map_err(bad)? {
+            true => Directory::open(path).and_then(|dir| dir.write_json(&manifest, self)).map_err(unwritable),
+            false => Ok(()),
         }
-        Ok(())
     }
 
     /// Whether a study is the one of the manifest `found` with more seeds; an error if it is another study.
@@ -193,11 +191,11 @@ fn not_a_study(error: &dyn std::fmt::Display) -> String {
 }
 
 fn read_manifest(path: &Path) -> Result<Value, String> {
-    let text =
-        read_text_limited(&path.join(MANIFEST), MAX_FILE_SIZE).map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound => format!("does not hold a study: it has no {MANIFEST}"),
-            _ => format!("has a {MANIFEST} that cannot be read: {error}"),
-        })?;
+    let unread = |error: io::Error| match error.kind() {
+        io::ErrorKind::NotFound => format!("does not hold a study: it has no {MANIFEST}"),
+        _ => format!("has a {MANIFEST} that cannot be read: {error}"),
+    };
+    let text = read_text_limited(&path.join(MANIFEST), MAX_FILE_SIZE).map_err(unread)?;
     let manifest: Value = serde_json::from_str(&text).map_err(|error| not_a_study(&error))?;
     match &manifest["format_version"] {
         version if *version == FORMAT_VERSION => Ok(manifest),
@@ -211,12 +209,11 @@ fn read_manifest(path: &Path) -> Result<Value, String> {
 
 /// Whether a new study can take the directory; an error if neither that nor a study is in it.
 fn is_free(path: &Path) -> Result<bool, String> {
-    let entries = match fs::read_dir(path) {
+    let entries = match fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
-        entries => entries.and_then(Iterator::collect::<io::Result<Vec<_>>>),
+        Err(error) => return Err(format!("cannot be used for a study: {error}; choose another --out")),
+        Ok(entries) => entries,
     };
-    let entries =
-        entries.map_err(|error| format!("cannot be used for a study: {error}; choose another --out"))?;
     if entries.iter().all(|entry| is_unfinished(&entry.file_name())) {
         Ok(true)
     } else if path.join(MANIFEST).is_file() {
