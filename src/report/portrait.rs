@@ -115,8 +115,7 @@ fn episode(Recording { frames, total, terminated }: &Recording, ending: &str) ->
     let coordinates = frames.first().map_or(0, |frame| frame.state.len());
     let coordinate = |i: usize| -> Vec<f64> { frames.iter().map(|frame| rounded(frame.state[i])).collect() };
     let scenes: Vec<_> = frames.iter().filter_map(|frame| frame.scene.clone()).collect();
-    let values =
-        |frame: &Frame| -> Vec<f64> { frame.q_values.iter().map(|&q| rounded(f64::from(q))).collect() };
+    let values = |frame: &Frame| frame.q_values.iter().map(|&q| rounded(q.into())).collect::<Vec<_>>();
     let before_end = || frames.iter().filter(|frame| frame.action.is_some());
     json!({
         "seed": SCORE_SEED,

@@ -46,6 +46,7 @@ impl ReadStudy {
         for config in &mut configs {
             config.label.clone_from(&labels[&config.name]);
         }
+        let others = configs[1..].iter();
         let report = StudyReport {
             format_version: FORMAT_VERSION,
             kind: "study",
@@ -57,10 +58,7 @@ impl ReadStudy {
             last_tries: last_tries(study, left_out.last_tries),
             bootstrap: json!({"confidence": 0.95, "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED}),
             warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs, &labels)).collect(),
-            comparisons: configs[1..]
-                .iter()
-                .map(|config| Comparison::new(config.scored(), configs[0].scored()))
-                .collect(),
+            comparisons: others.map(|config| Comparison::new(config.scored(), configs[0].scored())).collect(),
             seeds: study.seeds.clone(),
             configs,
         };
