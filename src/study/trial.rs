@@ -65,22 +65,6 @@ pub(crate) struct PolicyScore {
     pub(crate) lasts: Option<bool>,
 }
 
-impl PolicyScore {
-    fn new(
-        policy: &Policy,
-        make: &Make,
-        spec: &Spec,
-        env_steps: u64,
-        lasting: bool,
-    ) -> Result<Self, EnvironmentError> {
-        let played = evaluate(policy, make, spec.max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
-        let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
-        let Score { mean, std, min, median, max, .. } = Score::new(&returns);
-        let lasts = lasting.then(|| lasts(policy, make, LASTING_STEPS)).transpose()?;
-        Ok(Self { env_steps, mean, std, min, median, max, lasts })
-    }
-}
-
 /// What an interrupted trial has besides the tensors of its run: the header of its checkpoint.
 #[derive(Serialize, Deserialize)]
 struct TrialHeader {
@@ -168,8 +152,13 @@ impl Trial {
             Err(error) => return Err(error.into()),
         };
         let progress = trainer.progress();
-        let score = |policy: &Policy, evaluation: Evaluation| {
-            PolicyScore::new(policy, &*make, trainer.spec(), evaluation.env_steps, lasting)
+        let score = |policy: &Policy, Evaluation { env_steps, .. }| -> Result<_, EnvironmentError> {
+            let max_steps = trainer.spec().max_steps;
+            let played = evaluate(policy, &*make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
+            let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
+            let Score { mean, std, min, median, max, .. } = Score::new(&returns);
+            let lasts = lasting.then(|| lasts(policy, &*make, LASTING_STEPS)).transpose()?;
+            Ok(PolicyScore { env_steps, mean, std, min, median, max, lasts })
         };
         let best = trainer.best_policy().zip(progress.best_evaluation);
         let best = best.map(|(policy, evaluation)| score(policy, evaluation)).transpose()?;
