@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::permission::{AllowCommand, SharedPrograms};
 use super::plan;
@@ -18,12 +18,11 @@ use super::ui::{Failure, cannot_write, check_out, note, on_one_line, print, say}
 use super::variations::{Variations, configs};
 use crate::config::Config;
 use crate::report;
+use crate::sink::{LINE_INTERVAL, progress_bar};
 use crate::study::{
     Cause, Finished, MAX_SEEDS, NamedConfig, Omitted, Shard, Study, StudyDir, StudyError, Trial, Unended,
 };
 use crate::text::{shell_word, shown, visible, wrapped};
-
-const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Train every combination of config, variation and seed.
 ///
@@ -297,14 +296,10 @@ struct TrialProgress<'a> {
 
 impl<'a> TrialProgress<'a> {
     fn new(study: &'a Study, counts: Counts, quiet: bool) -> Self {
-        let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(counts.total) };
-        if let Ok(style) = ProgressStyle::with_template("trial {pos}/{len} {wide_bar} eta {eta}\n{wide_msg}")
-        {
-            bar.set_style(style);
-        }
-        // The trials that are done took no time.
-        bar.set_position(counts.done);
-        bar.reset_eta();
+        let bar = match quiet {
+            true => ProgressBar::hidden(),
+            false => progress_bar(counts.total, counts.done, "trial {pos}/{len} {wide_bar} eta {eta}"),
+        };
         Self { study, counts, bar, quiet, last_line: Instant::now() }
     }
 

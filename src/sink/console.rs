@@ -7,7 +7,19 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::trainer::{Budget, Event, Observer};
 
-const LINE_INTERVAL: Duration = Duration::from_secs(2);
+pub(crate) const LINE_INTERVAL: Duration = Duration::from_secs(2);
+
+/// A bar whose first line is a template; what is done took no time. It has two lines, so that 40 columns are enough; its message
+/// is cut where the terminal is narrower.
+pub(crate) fn progress_bar(length: u64, done: u64, template: &str) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    if let Ok(style) = ProgressStyle::with_template(&format!("{template}\n{{wide_msg}}")) {
+        bar.set_style(style);
+    }
+    bar.set_position(done);
+    bar.reset_eta();
+    bar
+}
 
 #[derive(Debug)]
 pub(crate) struct Console {
@@ -28,16 +40,9 @@ impl Console {
             Budget::Steps(steps) => (steps, "step"),
             Budget::Episodes(episodes) => (episodes, "episode"),
         };
-        // Two lines, so that 40 columns are enough; `wide_msg` is cut where the terminal is narrower.
-        let template = format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{prefix}}eta {{eta}}\n{{wide_msg}}");
-        let bar = ProgressBar::new(length);
-        if let Ok(style) = ProgressStyle::with_template(&template) {
-            bar.set_style(style);
-        }
-        if let Budget::Steps(_) = budget {
-            bar.set_position(start_steps);
-            bar.reset_eta();
-        }
+        let done = if let Budget::Steps(_) = budget { start_steps } else { 0 };
+        let bar =
+            progress_bar(length, done, &format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{prefix}}eta {{eta}}"));
         let [episode, evaluation, details] = [const { String::new() }; 3];
         Self { bar, budget, learning: None, last_line: None, episode, evaluation, details }
     }
