@@ -79,20 +79,11 @@ fn end(exit_code: u8) {
 }
 
 impl Signals {
-    /// Has the first signal set [`Self::stop`]; only the second ends the process at once.
-    pub(super) fn listen() -> Self {
+    /// Has the first signal set [`Self::stop`]. The second ends the process at once, but not before a view has closed.
+    pub(super) fn listen(has_view: bool) -> Self {
         let stop = Arc::<AtomicBool>::default();
-        let at_once = Arc::clone(&stop);
-        Self::listen_with(Interrupts { stop, at_once, ..Interrupts::default() })
-    }
-
-    /// As [`Self::listen`], but no signal ends the process before a view has closed.
-    pub(super) fn listen_for_view() -> Self {
-        Self::listen_with(Interrupts::default())
-    }
-
-    fn listen_with(interrupts: Interrupts) -> Self {
-        let stop = Arc::clone(&interrupts.stop);
+        let at_once = if has_view { Arc::default() } else { Arc::clone(&stop) };
+        let interrupts = Interrupts { stop: Arc::clone(&stop), at_once, ..Interrupts::default() };
         LISTENER.get_or_init(|| Self { stop, interrupts, exit_code: Arc::default() }).clone()
     }
 

@@ -161,7 +161,7 @@ fn plan(arguments: &StudyArguments) -> Result<(), Failure> {
         return Ok(());
     }
     start_program(&dir.study().configs[0]);
-    let signals = Signals::listen();
+    let signals = Signals::listen(false);
     print(&plan::estimate(&dir, arguments.path(), &signals.stop)?)
 }
 
@@ -205,7 +205,7 @@ fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Cou
     counts.total = counts.done + pending.len() as u64;
     let configs: BTreeSet<usize> = pending.iter().map(|(config, _)| *config).collect();
     configs.iter().for_each(|&config| start_program(&study.configs[config]));
-    let signals = Signals::listen();
+    let signals = Signals::listen(false);
     arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
     let mut progress = TrialProgress::new(study, counts, arguments.quiet);
     let ended =

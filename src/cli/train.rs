@@ -83,7 +83,7 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
     };
     // Before that a signal ends the process at once: it may wait for its standard input or a silent program, and nothing is
     // trained yet.
-    let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
+    let signals = Signals::listen(arguments.live);
     let Started { dir: run, config, mut trainer, recorder, notes } = match started {
         Resumed::Run(started) => *started,
         Resumed::Ended(ended) => return has_ended(&ended, arguments.json),

@@ -34,7 +34,7 @@ pub(super) struct WatchArguments {
 pub(super) fn run(arguments: &WatchArguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
     let policy = found.policy()?.greedy(1);
-    let signals = Signals::listen_for_view();
+    let signals = Signals::listen(true);
     let environment = found.make_environment(arguments.allow, true)?;
     view::watch(policy, environment, &shown(&found.place), arguments.seed, &signals.stop)?;
     if signals.stop.load(Ordering::Relaxed) {
