@@ -40,11 +40,10 @@ pub(super) fn learning(runs: &[Run]) -> String {
     let mut shown = figure(|layout| learning_curve(layout, runs, end));
     shown += &panel(runs, end, "Exploration: ε after an episode", false, |history| history.epsilon.clone());
     shown += &panel(runs, end, "Loss: mean over an episode", true, |history| history.loss.clone());
-    let mut folded = String::new();
     let drawn = STATISTICS.iter().filter(|statistic| !statistic.title.is_empty());
-    for (i, known) in drawn.enumerate() {
-        *if i < FOLDED_FROM { &mut shown } else { &mut folded } += &statistic(known);
-    }
+    let mut panels = drawn.map(statistic);
+    shown.extend(panels.by_ref().take(FOLDED_FROM));
+    let folded: String = panels.collect();
     if !folded.is_empty() {
         shown += &format!(
             "<details>\n<summary>More of what learning looks like from inside</summary>\n{folded}</details>\n"
