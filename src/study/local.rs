@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
 
-use super::store::TrialWriter;
+use super::store::{CHECKPOINT, TrialWriter};
 use super::{Study, StudyDir, StudyError, Trial, Unended};
 use crate::config::Config;
 use crate::env::Make;
@@ -60,7 +60,7 @@ impl StudyDir {
     /// Runs a trial, from its newest checkpoint if it has one.
     fn run_trial(&self, number: (usize, u64), make: &MakeFor, stop: &AtomicBool) -> Result<Trial, Unended> {
         let named = &self.study().configs[number.0];
-        let (make, unfinished) = (make(&named.config), self.unfinished(number));
+        let (make, unfinished) = (make(&named.config), self.unfinished(number, CHECKPOINT));
         self.forget_last_try(number);
         Trial::run(named, make, number.1, self.study().lasting, Some((&self.directory, &unfinished)), stop)
     }

@@ -20,7 +20,7 @@ use crate::text::shown;
 const TRIALS: &str = "trials";
 const UNFINISHED: &str = "unfinished";
 const EXTENSION: &str = "jsonl";
-const CHECKPOINT: &str = "safetensors";
+pub(super) const CHECKPOINT: &str = "safetensors";
 const REASON: &str = "txt";
 const MAX_REASON: u64 = 1 << 16;
 /// Longest line that is read, in bytes.
@@ -103,31 +103,27 @@ impl StudyDir {
         self.study.configs.iter_mut().map(|named| &mut named.config.environment)
     }
 
-    /// The newest checkpoint of a trial without a line.
-    pub(super) fn unfinished(&self, trial: (usize, u64)) -> PathBuf {
-        self.unfinished_file(trial, CHECKPOINT)
-    }
-
-    fn unfinished_file(&self, (config, seed): (usize, u64), extension: &str) -> PathBuf {
+    /// The newest checkpoint of a trial without a line, or the reason why its last try ended.
+    pub(super) fn unfinished(&self, (config, seed): (usize, u64), extension: &str) -> PathBuf {
         self.path.join(UNFINISHED).join(format!("{config}-{seed}.{extension}"))
     }
 
     /// Records why a try ended. An error is ignored: the process has printed the reason, and the trial is missing either way.
     pub(super) fn record_last_try(&self, trial: (usize, u64), reason: &str) {
-        let path = self.unfinished_file(trial, REASON);
+        let path = self.unfinished(trial, REASON);
         let made = self.directory.create_dir(&self.path.join(UNFINISHED));
         let write = |_| self.directory.write_whole(&path, None, |file| file.write_all(reason.as_bytes()));
         drop(made.and_then(write));
     }
 
     pub(super) fn forget_last_try(&self, trial: (usize, u64)) {
-        let _ = self.directory.remove_file(&self.unfinished_file(trial, REASON));
+        let _ = self.directory.remove_file(&self.unfinished(trial, REASON));
     }
 
     /// Removes the checkpoint and the reason of a trial that has its line now.
     pub(super) fn forget_unfinished(&self, trial: (usize, u64)) {
         self.forget_last_try(trial);
-        let _ = self.directory.remove_file(&self.unfinished(trial));
+        let _ = self.directory.remove_file(&self.unfinished(trial, CHECKPOINT));
     }
 
     fn kept(&self) -> BTreeSet<(usize, u64)> {
@@ -164,7 +160,7 @@ impl StudyDir {
             notes.push(format!("{others} trials with other seeds than those of {MANIFEST} are ignored"));
         }
         let reason = |trial| {
-            read_text_limited(&self.unfinished_file(trial, REASON), MAX_REASON)
+            read_text_limited(&self.unfinished(trial, REASON), MAX_REASON)
                 .unwrap_or_else(|_| "it is still being trained, or its process was killed".into())
         };
         let is_missing = |trial: &(usize, u64)| {
