@@ -126,23 +126,17 @@ impl Area {
 
     /// The pixels of an area of the picture, as far as they are in the picture.
     fn of(Bounds { left, right, bottom, top }: Bounds) -> Self {
-        let within = |value: f64, end: u16| value.clamp(0.0, f64::from(end)) as u16;
-        let height = f64::from(HEIGHT);
-        Self {
-            left: within(left.floor(), WIDTH),
-            top: within((height - top).floor(), HEIGHT),
-            right: within(right.ceil(), WIDTH),
-            bottom: within((height - bottom).ceil(), HEIGHT),
-        }
+        let (width, height) = (f64::from(WIDTH), f64::from(HEIGHT));
+        let [left, right] = [left.floor(), right.ceil()].map(|x| x.clamp(0.0, width) as u16);
+        let [top, bottom] =
+            [(height - top).floor(), (height - bottom).ceil()].map(|y| y.clamp(0.0, height) as u16);
+        Self { left, top, right, bottom }
     }
 
     fn union(self, other: Self) -> Self {
-        Self {
-            left: self.left.min(other.left),
-            top: self.top.min(other.top),
-            right: self.right.max(other.right),
-            bottom: self.bottom.max(other.bottom),
-        }
+        let (left, top) = (self.left.min(other.left), self.top.min(other.top));
+        let (right, bottom) = (self.right.max(other.right), self.bottom.max(other.bottom));
+        Self { left, top, right, bottom }
     }
 }
 
