@@ -63,24 +63,17 @@ impl Live {
         let screen = Screen::open()?;
         let shared = Arc::new(Shared::new(pace, environment.spec().steps_per_second, env_steps));
         close_in_panic(Arc::clone(&shared));
-        let (messages, inbox) = channel();
-        let view = View {
-            screen,
-            dashboard: Dashboard::new(name, environment, budget),
-            inbox,
-            shared: Arc::clone(&shared),
-            interrupts: interrupts.clone(),
-            asked: None,
-            _closed: Closed(interrupts.clone()),
-        };
+        let ((messages, inbox), dashboard) = (channel(), Dashboard::new(name, environment, budget));
+        let (_closed, interrupts, asked) = (Closed(interrupts.clone()), interrupts.clone(), None);
+        let stop = Arc::clone(&interrupts.stop);
+        let view = View { screen, dashboard, inbox, shared: Arc::clone(&shared), interrupts, asked, _closed };
         let view = thread::Builder::new().name("view".into()).spawn(|| {
             if view.run()? {
                 end_process();
             }
             Ok(())
         })?;
-        let (pacer, stop) = (Pacer::new(env_steps), Arc::clone(&interrupts.stop));
-        Ok(Self { messages, pacer, shared, stop, ended: false, view: Some(view) })
+        Ok(Self { messages, pacer: Pacer::new(env_steps), shared, stop, ended: false, view: Some(view) })
     }
 }
 

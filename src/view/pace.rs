@@ -56,12 +56,8 @@ pub(super) struct Shared {
 
 impl Shared {
     pub(super) fn new(pace: Pace, steps_per_second: f64, env_steps: u64) -> Self {
-        Self {
-            pace: AtomicU64::new(pace.0.to_bits()),
-            allowed_steps: AtomicU64::new(env_steps),
-            closing: AtomicBool::new(false),
-            steps_per_second,
-        }
+        let [pace, allowed_steps] = [pace.0.to_bits(), env_steps].map(AtomicU64::new);
+        Self { pace, allowed_steps, closing: AtomicBool::new(false), steps_per_second }
     }
 
     pub(super) fn pace(&self) -> (Pace, bool) {
