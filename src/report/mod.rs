@@ -96,12 +96,9 @@ pub(crate) fn is_own(start: &[u8]) -> bool {
     [JSON_START, CSV_START, svg::START].iter().any(|own| start.starts_with(own.as_bytes()))
 }
 
-fn read(path: &Path) -> Result<String, ReportError> {
-    read_text_limited(path, MAX_FILE_SIZE).map_err(|error| ReportError::new(path, error))
-}
-
 fn parse<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ReportError> {
-    serde_json::from_str(&read(path)?).map_err(|error| ReportError::new(path, error))
+    let text = read_text_limited(path, MAX_FILE_SIZE).map_err(|error| ReportError::new(path, error))?;
+    serde_json::from_str(&text).map_err(|error| ReportError::new(path, error))
 }
 
 /// `evaluations.csv`: one row per evaluation.
