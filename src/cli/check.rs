@@ -15,7 +15,6 @@ use crate::check::{
 use crate::nn::Loss;
 use crate::text::{COLUMNS, lines, shown};
 
-/// Columns in which the names of the quantities stand.
 const INDENT: usize = 11;
 /// How long a check shows no progress.
 const PATIENCE: Duration = Duration::from_secs(1);

@@ -159,7 +159,6 @@ fn runs() -> Vec<Candidate> {
     runs
 }
 
-/// The first sentence of a help text, which is its first line.
 fn first_line(text: Option<&clap::builder::StyledStr>) -> String {
     text.map(ToString::to_string).unwrap_or_default().lines().next().unwrap_or_default().into()
 }

@@ -13,7 +13,6 @@ use crate::check::START;
 use crate::explain::{ExplainError, ExplainedUpdate, explain};
 use crate::nn::{Activations, Loss, Mlp, norm};
 
-/// Transitions that are shown without --all.
 const SHOWN: usize = 3;
 
 /// Show one update of the training with all its numbers.

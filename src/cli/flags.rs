@@ -8,7 +8,6 @@ use super::ui::program;
 use crate::config::meanings;
 use crate::text::shell_word;
 
-/// What replaces a value that the user has not given.
 const PLACEHOLDER: &str = "VALUE";
 
 /// The command that a command line is for: its name in messages, and itself.

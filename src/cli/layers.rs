@@ -9,7 +9,6 @@ use super::ui::Failure;
 use crate::config::{self, Config};
 use crate::text::shown;
 
-/// What a run of the default config is called.
 pub(super) const DEFAULT_NAME: &str = "cartpole";
 
 /// What a config is made of.

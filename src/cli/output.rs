@@ -32,7 +32,6 @@ impl From<WriteError> for Failure {
 }
 
 pub(super) struct Output<'a> {
-    /// The option that names it.
     pub(crate) option: &'a str,
     pub path: &'a Path,
     /// What it is, such as "a trace", and how such a file begins.

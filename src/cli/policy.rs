@@ -31,7 +31,6 @@ pub(super) fn standard_input(example: &str) -> Result<io::StdinLock<'static>, Fa
     }
 }
 
-/// The environment where nothing says another one.
 pub(super) const DEFAULT_ENVIRONMENT: EnvironmentId = EnvironmentId::CartPoleV1;
 
 /// Where a command finds its policy.

@@ -49,7 +49,6 @@ struct ListedRun {
     /// `running`: a process trains it; `stopped`: it can be resumed; `failed`: it has diverged, and would again; `ended`; `damaged`.
     state: &'static str,
     problem: Option<String>,
-    /// When one of its files was last written.
     written: Option<String>,
     config: Option<String>,
     /// The keys that differ from the default, but for seed and budget, with their values.
@@ -161,7 +160,6 @@ fn is_locked(metrics: &Path) -> bool {
     file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
-/// The keys that differ from the default, but for seed and budget.
 fn changed_keys(config: &Config) -> BTreeMap<&'static str, Value> {
     let is_own = |path: &str| path == "seed" || path.starts_with("budget") || path == "$schema";
     let changed = config.settings().into_iter().filter(|setting| setting.value != setting.default);

@@ -148,7 +148,6 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
     })
 }
 
-/// Says why there is nothing to train, and what would be.
 fn has_ended(ended: &EndedRun, json: bool) -> Result<(), Failure> {
     let how = format!("{}. To train on, type\n  {}", ended.why, extending_command(ended));
     if ended.is_extended {

@@ -13,7 +13,6 @@ use crate::view::NoView;
 /// What stands before the command that would be started. A message with it is printed whole, however long the command is.
 pub(super) const QUESTION: &str = "add --allow-command: ";
 
-/// Why a command ended without success.
 #[derive(Debug)]
 pub(super) enum Failure {
     /// Something the user gave cannot be used: exit code 2.

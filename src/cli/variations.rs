@@ -30,7 +30,6 @@ pub(super) struct Variations {
     set: Vec<String>,
 }
 
-/// A key and the values that it takes in turn.
 #[derive(Clone, Debug)]
 struct Variation {
     key: String,

@@ -80,7 +80,6 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     report(&differences, &extent, arguments)
 }
 
-/// Trains the run again, as far as it is to be compared.
 fn train(
     trainer: &mut Trainer,
     observer: &mut dyn Observer,

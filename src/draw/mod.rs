@@ -42,7 +42,6 @@ impl<'a> Placed<'a> {
         Self { bounds: Bounds { left, right, bottom, top }, ..placed }
     }
 
-    /// Where a point of the outline is in the picture.
     fn in_picture(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let at = self.shape.at;
         (at.0 + x * self.cos - y * self.sin, at.1 + x * self.sin + y * self.cos)

@@ -16,7 +16,6 @@ pub(super) struct Failures {
     seed: u64,
 }
 
-/// Why trials diverged, see [`reasons`].
 pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
     reasons(groups.iter().flat_map(|Group { name, outcomes, .. }| {
         let reason = |outcome: &TrialOutcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
@@ -29,7 +28,6 @@ pub(super) fn of_last_tries(begun: usize) -> String {
     format!("Why the last tries of {begun} missing trials ended without a result; the next ones resume them:")
 }
 
-/// Why the last tries of missing trials ended, see [`reasons`].
 pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
     let name = |config: usize| study.configs[config].name.clone();
     reasons(last_tries.into_iter().map(|LastTry { config, seed, reason }| (name(config), seed, reason)))

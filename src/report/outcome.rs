@@ -69,7 +69,6 @@ impl TrialOutcome {
     }
 }
 
-/// The configs that have finished trials, and what a report leaves out.
 pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), ReportError> {
     let group = |NamedConfig { name, task, .. }: NamedConfig| Group { name, task, outcomes: Vec::new() };
     let mut groups: Vec<Group> = study_dir.study().configs.iter().cloned().map(group).collect();

@@ -26,7 +26,6 @@ pub(super) fn figure(draw: impl Fn(Layout) -> Plot) -> String {
     )
 }
 
-/// All panels.
 pub(super) fn learning(runs: &[Run]) -> String {
     let ends = runs.iter().flat_map(|run| &run.history.evaluations).map(|evaluation| evaluation.env_steps);
     let end = ends.max().unwrap_or_default() as f64;

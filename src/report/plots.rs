@@ -11,7 +11,6 @@ use crate::trainer::Evaluation;
 
 const STEPS: &str = "environment steps";
 
-/// Draws one plot of a study.
 type Draw = fn(&StudyReport, Layout) -> Plot;
 
 /// The plots of a study: name and how it is drawn.
@@ -22,7 +21,6 @@ pub(super) const STUDY: [(&str, Draw); 4] = [
     (PLOTS[3], compare),
 ];
 
-/// The files of a study's plots: name and content.
 pub(super) fn study(report: &StudyReport) -> Vec<(&'static str, Content)> {
     STUDY.iter().map(|(name, draw)| (*name, whole(draw(report, Layout::FILE).finish()))).collect()
 }

@@ -32,7 +32,6 @@ pub(super) struct RunReport {
     half_way: Option<f64>,
     pub(super) seed: u64,
     pub(super) ended: bool,
-    /// None while the run has not ended.
     end_reason: Option<EndReason>,
     evaluations: usize,
     pub(super) solved_at_step: Option<u64>,
@@ -74,13 +73,11 @@ struct Collapse {
     /// The first evaluation below half way.
     after: Evaluation,
     lowest: Evaluation,
-    /// The next evaluation that solved again.
     recovered: Option<Evaluation>,
     /// The statistics that left their usual range first; empty if none did, or there are none.
     moved_first: Vec<Moved>,
 }
 
-/// A statistic that left its usual range.
 #[derive(Clone, Debug, Serialize)]
 struct Moved {
     statistic: String,
@@ -90,7 +87,6 @@ struct Moved {
     usual_std: f64,
 }
 
-/// A run and its report.
 pub(super) struct Run {
     /// The shortest end of its directory's path that no other run has, as text for a terminal.
     pub(super) name: String,
@@ -165,7 +161,6 @@ pub(super) fn names(directories: &[PathBuf]) -> Result<Vec<String>, ReportError>
     parts.iter().zip(directories).map(name).collect()
 }
 
-/// The report of the run in a directory.
 pub(super) fn report(directory: &Path) -> Result<Report, ReportError> {
     let name = names(&[directory.to_owned()])?.concat();
     let Run { name, task, history, report, .. } = Run::read(directory, name)?;

@@ -23,7 +23,6 @@ pub struct Sample {
     total: usize,
 }
 
-/// Values in ascending order.
 pub fn sorted(values: impl IntoIterator<Item = f64>) -> Sample {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_unstable_by(f64::total_cmp);
@@ -35,7 +34,6 @@ impl Sample {
         self.total
     }
 
-    /// The values, each with its count.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (f64, usize)> {
         self.values.iter().copied().zip(self.counts.iter().copied())
     }

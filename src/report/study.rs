@@ -22,7 +22,6 @@ pub(super) struct ReadStudy {
     pub(super) configs: Vec<NamedConfig>,
     groups: Vec<Group>,
     pub(super) report: StudyReport,
-    /// Notes on the lines that it ignores.
     pub(super) notes: Vec<String>,
 }
 

@@ -291,7 +291,6 @@ fn text(x: f64, y: f64, style: &str, content: &str) -> String {
     format!("<text x=\"{x:.1}\" y=\"{y:.1}\"{style}>{content}</text>")
 }
 
-/// A piece of a series' line, for a legend.
 fn sample(commands: &str, series: usize) -> String {
     path(commands, &format!(r#"stroke="{}" stroke-width="3"{}"#, colour(series), dashes(series)))
 }
@@ -300,7 +299,6 @@ fn colour(series: usize) -> &'static str {
     COLOURS[series % COLOURS.len()]
 }
 
-/// Tells apart series of the same colour.
 fn dashes(series: usize) -> String {
     match series / COLOURS.len() {
         0 => String::new(),

@@ -107,7 +107,6 @@ impl Drop for Console {
 /// Prints a line for every N-th episode, as the tutorial does.
 #[derive(Debug)]
 pub(crate) struct EpisodeLog {
-    /// Empty where the budget does not count episodes.
     of_total: String,
     every: u64,
 }

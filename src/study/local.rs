@@ -57,7 +57,6 @@ impl StudyDir {
         })
     }
 
-    /// Runs a trial, from its newest checkpoint if it has one.
     fn run_trial(&self, number: (usize, u64), make: &MakeFor, stop: &AtomicBool) -> Result<Trial, Unended> {
         let named = &self.study().configs[number.0];
         let (make, unfinished) = (make(&named.config), self.unfinished(number, CHECKPOINT));

@@ -64,7 +64,6 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// The whole study.
     pub const ALL: Self = Self { index: 0, count: 1 };
 }
 
@@ -126,7 +125,6 @@ impl Study {
         Ok(study)
     }
 
-    /// Checks that this program can continue the study.
     pub(super) fn check(&self) -> Result<(), String> {
         let (version, own) = (&self.version, env!("CARGO_PKG_VERSION"));
         if version != own {

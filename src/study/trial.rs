@@ -191,7 +191,6 @@ struct Keeper<'a> {
     config: &'a Config,
     place: Option<(&'a Directory, &'a Path)>,
     evaluations: Vec<Evaluation>,
-    /// Whether the file is there.
     is_kept: bool,
 }
 

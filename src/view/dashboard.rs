@@ -17,14 +17,12 @@ use crate::trainer::{Budget, EVALUATION_SEED, Event};
 
 const KEYS: &str = "+/- pace  f full speed  space pause  q stop, with a checkpoint";
 const KEYS_AT_THE_END: &str = "q close";
-/// How long the end of an episode stays.
 const REST: Duration = Duration::from_millis(500);
 
 /// Points over environment steps; when there are many, every second one goes.
 #[derive(Default)]
 struct Series {
     points: Vec<(f64, f64)>,
-    /// Only every so-many-th point is kept.
     every: u64,
     pushed: u64,
     latest: Option<f64>,

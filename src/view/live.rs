@@ -118,7 +118,6 @@ struct View {
     inbox: Receiver<Message>,
     shared: Arc<Shared>,
     interrupts: Interrupts,
-    /// When somebody first wanted to quit.
     asked: Option<Instant>,
     /// The last field, because it must be dropped after the screen.
     _closed: Closed,

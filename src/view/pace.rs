@@ -79,7 +79,6 @@ pub(super) struct Pacer {
 }
 
 impl Pacer {
-    /// For a run that has done so many steps.
     pub(super) fn new(env_steps: u64) -> Self {
         Self { allowed: env_steps as f64, last: Instant::now() }
     }

@@ -19,7 +19,6 @@ pub(super) struct Player {
     environment: Box<dyn Environment>,
     observation: Vec<f32>,
     pub(super) seed: u64,
-    /// Steps of the episode so far, and the sum of their rewards.
     pub(super) steps: u64,
     pub(super) total: f64,
     /// What the policy chooses next.

@@ -134,7 +134,6 @@ impl Watch {
         )
     }
 
-    /// The state, with as many digits and names as fit.
     fn state(&self, columns: usize) -> String {
         let names = &self.player.spec().observations;
         let state = |(digits, named): (usize, bool)| -> String {
