@@ -112,7 +112,13 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         put(&mut text, name, &state(quantity, verdict));
         let explanation = verdict.explanations.first().into_iter().flatten();
         for explained in explanation.filter(|explained| explained.quantity == quantity.name) {
-            put_mistake(&mut text, explained);
+            let Explained { mistake, reported_only, .. } = explained;
+            put(&mut text, "  what", mistake.what);
+            if *reported_only {
+                put(&mut text, "", "only this number has it: what follows is computed without it");
+            }
+            put(&mut text, "  why", mistake.why);
+            put(&mut text, "  mend", mistake.mend);
         }
     }
     for other in verdict.explanations.iter().skip(1) {
@@ -178,15 +184,6 @@ fn state(quantity: &Judged, verdict: &Verdict) -> String {
         QuantityState::Explained => differs,
         QuantityState::Different => differs + ", and no known mistake gives these numbers",
     }
-}
-
-fn put_mistake(text: &mut String, Explained { mistake, reported_only, .. }: &Explained) {
-    put(text, "  what", mistake.what);
-    if *reported_only {
-        put(text, "", "only this number has it: what follows is computed without it");
-    }
-    put(text, "  why", mistake.why);
-    put(text, "  mend", mistake.mend);
 }
 
 fn put(text: &mut String, name: &str, paragraph: &str) {
