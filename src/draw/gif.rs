@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
 
 use super::Placed;
+use crate::env::Image;
 use crate::env::scene::{Bounds, Scene};
 
 const WIDTH: u16 = Scene::WIDTH;
@@ -15,6 +16,11 @@ const MAX_COLORS: usize = 6;
 const SAMPLES: u16 = 4;
 /// All samples of a pixel; a pixel is a mixture of two colors in as many parts.
 const PARTS: u16 = SAMPLES * SAMPLES;
+
+/// The bytes of a film after its size: a global palette of two black entries, because each picture has a palette of its own.
+const FILM_START: [u8; 9] = [0x80, 0, 0, 0, 0, 0, 0, 0, 0];
+/// How carefully the colors of a picture with more than 256 of them are chosen, from 1 (slow) to 30.
+const SPEED: i32 = 10;
 
 /// A rectangle of pixels; `right` and `bottom` are outside of it.
 #[derive(Clone, Copy)]
@@ -43,7 +49,7 @@ pub(crate) fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f6
 }
 
 /// How long a frame lasts, in hundredths of a second, a whole number. Browsers slow frames of one hundredth down.
-pub(super) fn delay(frames_per_second: f64) -> u16 {
+fn delay(frames_per_second: f64) -> u16 {
     (100.0 / frames_per_second).round().clamp(2.0, 100.0) as u16
 }
 
@@ -53,7 +59,7 @@ pub(crate) fn is_gif(start: &[u8]) -> bool {
     start.strip_prefix(b"GIF89a").is_some_and(|rest| rest.starts_with(&size))
 }
 
-pub(super) fn io_error(error: EncodingError) -> io::Error {
+fn io_error(error: EncodingError) -> io::Error {
     match error {
         EncodingError::Io(error) => error,
         other => io::Error::other(other),
@@ -187,6 +193,40 @@ fn counts(x: u16, y: u16, shapes: &[(Placed<'_>, usize)]) -> [u16; MAX_COLORS] {
         counts[seen.map_or(0, |&(_, color)| color)] += 1;
     }
     counts
+}
+
+/// A GIF of pictures that are pixels already.
+pub(crate) struct Film<W: Write> {
+    encoder: Encoder<W>,
+    size: (u16, u16),
+    delay: u16,
+}
+
+impl<W: Write> Film<W> {
+    /// A film of pictures with the size of this one.
+    pub fn new(out: W, first: &Image, frames_per_second: f64) -> io::Result<Self> {
+        let mut encoder = Encoder::new(out, first.width, first.height, &[]).map_err(io_error)?;
+        encoder.set_repeat(Repeat::Infinite).map_err(io_error)?;
+        Ok(Self { encoder, size: (first.width, first.height), delay: delay(frames_per_second) })
+    }
+
+    /// Adds a picture. The last one stays for a second.
+    pub(crate) fn add(&mut self, image: &Image, is_last: bool) -> io::Result<()> {
+        let (width, height) = self.size;
+        if (image.width, image.height) != self.size {
+            let Image { width: w, height: h, .. } = image;
+            return Err(io::Error::other(format!(
+                "the first picture has {width} × {height} pixels and a later one {w} × {h}"
+            )));
+        }
+        let mut frame = Frame::from_rgb_speed(width, height, &image.rgb, SPEED);
+        frame.delay = if is_last { 100 } else { self.delay };
+        self.encoder.write_frame(&frame).map_err(io_error)
+    }
+}
+
+pub(crate) fn is_film(start: &[u8]) -> bool {
+    start.starts_with(b"GIF89a") && start.get(10..19) == Some(&FILM_START)
 }
 
 #[cfg(test)]

@@ -5,14 +5,12 @@
 
 #[cfg(feature = "view")]
 mod braille;
-mod film;
 mod gif;
 mod svg;
 
 #[cfg(feature = "view")]
 pub(crate) use braille::draw as draw_braille;
-pub(crate) use film::{Film, is_film};
-pub(crate) use gif::{is_gif, write_gif};
+pub(crate) use gif::{Film, is_film, is_gif, write_gif};
 pub(crate) use svg::{is_svg, svg};
 
 use crate::env::scene::{Bounds, Outline, Scene, Shape};
