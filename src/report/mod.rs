@@ -1,7 +1,6 @@
 //! What a study or a run amounts to: numbers, tables and plots, from files alone.
 
 mod comparison;
-mod events;
 mod failures;
 pub mod history;
 mod html;

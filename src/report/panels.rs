@@ -1,8 +1,7 @@
 //! The plots of runs in a page: one panel for each quantity, all over the same steps.
 
-use super::events::History;
 use super::plots::returns;
-use super::run::Run;
+use super::run::{History, Run};
 use super::svg::{Layout, Plot};
 use crate::agent::{STATISTICS, Statistic};
 
