@@ -8,14 +8,12 @@ use crate::env::Spec;
 use crate::study::{Finished, NamedConfig, Omitted, PolicyScore, StudyDir};
 use crate::trainer::Evaluation;
 
-#[derive(Debug)]
 pub(super) struct Group {
     pub(super) name: String,
     pub(super) task: Spec,
     pub(super) outcomes: Vec<TrialOutcome>,
 }
 
-#[derive(Debug)]
 pub(super) struct TrialOutcome {
     pub(super) seed: u64,
     pub(super) error: Option<Box<str>>,

@@ -65,7 +65,6 @@ pub(super) const DARK: [(&str, &str); 11] = [
     (LEVEL, "#8a929a"),
 ];
 
-#[derive(Debug)]
 pub(super) struct Plot {
     layout: Layout,
     title: Vec<String>,

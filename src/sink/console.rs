@@ -21,7 +21,6 @@ pub(crate) fn progress_bar(length: u64, done: u64, template: &str) -> ProgressBa
     bar
 }
 
-#[derive(Debug)]
 pub(crate) struct Console {
     bar: ProgressBar,
     budget: Budget,
@@ -105,7 +104,6 @@ impl Drop for Console {
 }
 
 /// Prints a line for every N-th episode, as the tutorial does.
-#[derive(Debug)]
 pub(crate) struct EpisodeLog {
     of_total: String,
     every: u64,

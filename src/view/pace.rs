@@ -44,7 +44,6 @@ impl fmt::Display for Pace {
 }
 
 /// What the view and the run tell each other beside the events.
-#[derive(Debug)]
 pub(super) struct Shared {
     /// Bits of the [`Pace`], negative while it pauses.
     pace: AtomicU64,
@@ -71,7 +70,6 @@ impl Shared {
     }
 }
 
-#[derive(Debug)]
 pub(super) struct Pacer {
     /// Environment steps that the pace has allowed, a share of a step included.
     allowed: f64,
