@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::layers::{DEFAULT_NAME, config_name, read_config};
 use super::permission::{SharedPrograms, allow};
@@ -59,11 +59,11 @@ fn variation(text: &str) -> Result<Variation, String> {
 }
 
 pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failure> {
-    let mut sources = Vec::new();
-    for path in &arguments.config {
+    let read = |path: &PathBuf| {
         let (origin, text) = read_config(path)?;
-        sources.push((config_name(path), visible(&origin), text));
-    }
+        Ok((config_name(path), visible(&origin), text))
+    };
+    let mut sources = arguments.config.iter().map(read).collect::<Result<Vec<_>, Failure>>()?;
     if sources.is_empty() {
         sources.push((DEFAULT_NAME.into(), "the default config".into(), "{}".into()));
     }
@@ -84,25 +84,22 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
     for (stem, origin, text) in &sources {
         let mut seen = BTreeMap::new();
         for variation in &variations {
-            let name = [std::slice::from_ref(stem), variation].concat().join(" ");
+            let varied = variation.join(" ");
+            let name = if varied.is_empty() { stem.clone() } else { format!("{stem} {varied}") };
             let config = Config::variation(Some((origin, text)), &arguments.set, variation);
             let mut config = config.map_err(|error| match error {
                 // The only one whose reason the variation may be.
                 ConfigError::Key { problem: "misplaced key", .. } | ConfigError::Value { .. }
                     if !variation.is_empty() =>
                 {
-                    Failure::BadInput(format!("variation {}: {error}", variation.join(" ")))
+                    Failure::BadInput(format!("variation {varied}: {error}"))
                 }
                 error => error.into(),
             })?;
             // Two spellings of one value, such as 0.9 and 0.90, would train the same config twice.
-            let parsed =
-                serde_json::to_string(&config).map_err(|error| Failure::Failed(error.to_string()))?;
-            if let Some(other) = seen.insert(parsed, variation) {
+            if let Some(other) = seen.insert(json!(config).to_string(), varied.clone()) {
                 return Err(Failure::BadInput(format!(
-                    "--vary: {} and {} are the same config; leave one out",
-                    other.join(" "),
-                    variation.join(" ")
+                    "--vary: {other} and {varied} are the same config; leave one out"
                 )));
             }
             if configs.iter().any(|other| other.name == name) {
