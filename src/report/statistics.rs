@@ -5,8 +5,7 @@
 
 use serde::Serialize;
 
-pub use super::sample::Sample;
-pub use super::sample::sorted;
+pub use super::sample::{Sample, sorted};
 use crate::rng::Rng;
 
 pub(crate) const RESAMPLES: usize = 2000;

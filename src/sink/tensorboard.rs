@@ -5,6 +5,7 @@
 //! `Summary { repeated Value value = 1; }`, `Value { string tag = 1; float simple_value = 2; }`.
 
 use std::collections::VecDeque;
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -139,16 +140,11 @@ impl Observer for TensorBoard {
 }
 
 fn latest_second(path: &Path) -> io::Result<Option<u64>> {
-    let mut latest = None;
-    for entry in fs::read_dir(path)? {
-        let name = entry?.file_name();
-        let second = name.to_str().and_then(|name| name.strip_prefix(TENSORBOARD_PREFIX)?.split('.').next());
-        if let Some(second) = second.and_then(|second| second.parse::<u64>().ok()) {
-            // A name that somebody has changed can hold any number.
-            latest = latest.max(Some(second.min(u64::MAX - 1)));
-        }
-    }
-    Ok(latest)
+    let names: Vec<_> = fs::read_dir(path)?.map(|entry| Ok(entry?.file_name())).collect::<io::Result<_>>()?;
+    let second =
+        |name: &OsString| name.to_str()?.strip_prefix(TENSORBOARD_PREFIX)?.split('.').next()?.parse().ok();
+    // A name that somebody has changed can hold any number.
+    Ok(names.iter().filter_map(second).map(|second: u64| second.min(u64::MAX - 1)).max())
 }
 
 fn wall_time() -> f64 {
