@@ -233,20 +233,16 @@ fn settings(config: &Value) -> Vec<[String; 4]> {
 /// Every key of one config. For several configs: the keys in which they differ, then every key of the first.
 fn config_tables(configs: &[(&str, &Value)]) -> String {
     let all: Vec<Vec<[String; 4]>> = configs.iter().map(|(_, config)| settings(config)).collect();
-    match (&all[..], configs) {
-        ([one], _) => keys(one),
-        ([first, ..], [(name, _), ..]) => {
-            let rows = differences(configs, &all);
-            let differ = if rows.len() > 1 {
-                format!("<p>Where they differ:</p>\n{}", table(&rows, 1))
-            } else {
-                "<p>All are the same.</p>\n".into()
-            };
-            let (name, keys) = (escaped(name), keys(first));
-            format!("{differ}<details>\n<summary>Every key of {name}</summary>\n{keys}</details>\n")
-        }
-        _ => String::new(),
+    let (name, keys) = (escaped(configs[0].0), keys(&all[0]));
+    if let [_] = configs {
+        return keys;
     }
+    let rows = differences(configs, &all);
+    let differ = match rows.len() {
+        1 => "<p>All are the same.</p>\n".into(),
+        _ => format!("<p>Where they differ:</p>\n{}", table(&rows, 1)),
+    };
+    format!("{differ}<details>\n<summary>Every key of {name}</summary>\n{keys}</details>\n")
 }
 
 fn differences(configs: &[(&str, &Value)], all: &[Vec<[String; 4]>]) -> Vec<Vec<String>> {
