@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::NamedConfig;
 use crate::agent::Policy;
 use crate::config::Config;
-use crate::env::{EnvironmentError, Make, Spec};
+use crate::env::{Make, Spec};
 use crate::files::Directory;
 use crate::run::Checkpoint;
 use crate::text::shown;
@@ -92,12 +92,6 @@ pub(crate) enum Cause {
     Failed(#[from] TrainError),
 }
 
-impl From<EnvironmentError> for Cause {
-    fn from(error: EnvironmentError) -> Self {
-        Self::Failed(error.into())
-    }
-}
-
 impl<S> Trial<S> {
     /// Why this is not the line of a trial; none if it is one.
     pub(super) fn problem(&self) -> Option<&'static str> {
@@ -140,7 +134,7 @@ impl Trial {
         let config = keeper.config;
         let mut trainer = match keeper.resume(&make)? {
             Some(trainer) => trainer,
-            None => config.make_trainer_in(Arc::clone(&make))?,
+            None => config.make_trainer_in(Arc::clone(&make)).map_err(TrainError::from)?,
         };
         let ended = match trainer.run(keeper, stop) {
             Ok(EndReason::Interrupted) => {
@@ -152,7 +146,7 @@ impl Trial {
             Err(error) => return Err(error.into()),
         };
         let progress = trainer.progress();
-        let score = |policy: &Policy, Evaluation { env_steps, .. }| -> Result<_, EnvironmentError> {
+        let score = |policy: &Policy, Evaluation { env_steps, .. }| -> Result<_, TrainError> {
             let max_steps = trainer.spec().max_steps;
             let played = evaluate(policy, &*make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
             let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
@@ -226,7 +220,7 @@ impl Keeper<'_> {
     }
 
     /// The run of an earlier try, if its file is there and whole.
-    fn resume(&mut self, make: &Arc<Make>) -> Result<Option<Trainer>, EnvironmentError> {
+    fn resume(&mut self, make: &Arc<Make>) -> Result<Option<Trainer>, TrainError> {
         let Some(checkpoint) = self.place.and_then(|(_, path)| Checkpoint::read(path).ok()) else {
             return Ok(None);
         };
@@ -240,7 +234,7 @@ impl Keeper<'_> {
                 self.evaluations = evaluations;
                 Ok(Some(trainer))
             }
-            Err(ResumeError::Environment(error)) => Err(error),
+            Err(ResumeError::Environment(error)) => Err(error.into()),
             Err(_) => {
                 self.is_kept = false;
                 Ok(None)
