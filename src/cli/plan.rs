@@ -90,5 +90,5 @@ pub(super) fn status(dir: &StudyDir) -> Result<String, Failure> {
     let all = counts.iter().fold((0, 0), |all, count| (all.0 + count.0, all.1 + count.1));
     rows.push(row(String::new(), "all", all, study.total()));
     let names = legend(labels.iter().map(String::as_str).zip(names));
-    Ok(names + &table(&rows) + &report::describe_last_tries(study, last_tries))
+    Ok(names + &table(&rows) + &report::describe_last_tries(last_tries))
 }

@@ -3,7 +3,6 @@
 use serde::Serialize;
 
 use super::outcome::{Group, TrialOutcome};
-use crate::study::{LastTry, Study};
 use crate::text::visible;
 
 const MAX_REASONS: usize = 5;
@@ -18,23 +17,19 @@ pub(super) struct Failures {
 
 pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
     reasons(groups.iter().flat_map(|Group { name, outcomes, .. }| {
-        let reason = |outcome: &TrialOutcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
-        outcomes.iter().filter_map(reason).map(|(seed, error)| (name.clone(), seed, error))
+        outcomes.iter().filter_map(|TrialOutcome { seed, error, .. }| {
+            Some((name.clone(), *seed, error.as_deref()?.to_owned()))
+        })
     }))
 }
 
-/// The heading of [`last_tries`].
+/// The heading of missing trials.
 pub(super) fn of_last_tries(begun: usize) -> String {
     format!("Why the last tries of {begun} missing trials ended without a result; the next ones resume them:")
 }
 
-pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
-    let name = |config: usize| study.configs[config].name.clone();
-    reasons(last_tries.into_iter().map(|LastTry { config, seed, reason }| (name(config), seed, reason)))
-}
-
-/// The reasons of trials by config and seed, the most frequent first. Reasons that differ in their numbers alone are one.
-fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures> {
+/// The reasons of trials, given as (config, seed, reason), the most frequent first. Reasons that differ in their numbers alone are one.
+pub(super) fn reasons(trials: impl IntoIterator<Item = (String, u64, String)>) -> Vec<Failures> {
     let mut kinds: Vec<(String, Failures)> = Vec::new();
     for (config, seed, reason) in trials {
         let kind = reason.replace(|c: char| c.is_ascii_digit(), "");

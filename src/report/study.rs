@@ -6,14 +6,14 @@ use std::path::Path;
 use serde_json::json;
 
 use super::comparison::{Comparison, early_ends};
-use super::failures::{failures, last_tries, of_last_tries, reason_lines};
+use super::failures::{failures, of_last_tries, reason_lines, reasons};
 use super::outcome::{self, Group};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
 use super::summary::{ConfigReport, StudyReport, config_report};
 use super::text::{self, Labels, describe};
 use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
 use crate::run::names::EVALUATIONS;
-use crate::study::{self, LastTry, NamedConfig, StudyDir};
+use crate::study::{self, NamedConfig, StudyDir};
 use crate::text::{visible, wrapped};
 
 const MAX_NAMED: usize = 3;
@@ -34,7 +34,7 @@ impl ReadStudy {
         let study = study_dir.study();
         let (groups, left_out) = outcome::read(study_dir)?;
         if groups.is_empty() {
-            let why = describe_last_tries(study, left_out.last_tries);
+            let why = describe_last_tries(left_out.last_tries);
             return Err(ReportError::new(
                 study_dir.path(),
                 format!("no trial is finished yet; run the study's command first\n{why}").trim_end(),
@@ -54,7 +54,7 @@ impl ReadStudy {
             finished: groups.iter().map(|group| group.outcomes.len()).sum(),
             failed: configs.iter().map(|config| config.failed).sum(),
             failures: failures(&groups),
-            last_tries: last_tries(study, left_out.last_tries),
+            last_tries: reasons(left_out.last_tries),
             bootstrap: json!({"confidence": 0.95, "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED}),
             warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs, &labels)).collect(),
             comparisons: others.map(|config| Comparison::new(config.scored(), configs[0].scored())).collect(),
@@ -80,8 +80,8 @@ pub(super) fn report(path: &Path) -> Result<Report, ReportError> {
 }
 
 /// Why the last tries of missing trials ended, in words; nothing if there was none.
-pub(crate) fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
-    let lines = reason_lines(&last_tries(study, tries), of_last_tries, visible);
+pub(crate) fn describe_last_tries(tries: Vec<(String, u64, String)>) -> String {
+    let lines = reason_lines(&reasons(tries), of_last_tries, visible);
     lines.iter().map(|line| wrapped(line, 0)).collect()
 }
 

@@ -17,7 +17,7 @@ use crate::text::shown;
 pub(crate) use plan::MAX_SEEDS;
 pub use plan::{FORMAT_VERSION, NamedConfig, Shard, Study};
 pub use store::StudyDir;
-pub(crate) use store::{Finished, LastTry, Omitted};
+pub(crate) use store::{Finished, Omitted};
 pub(crate) use trial::{Cause, LASTING_STEPS, PolicyScore, SCORE_EPISODES, Trial, TrialSummary, Unended};
 
 #[derive(Debug, thiserror::Error)]

@@ -51,16 +51,8 @@ pub struct Finished {
 pub struct Omitted {
     /// Notes on unfinished lines, and on trials with seeds that the study does not have.
     pub(crate) notes: Vec<String>,
-    /// The trials that have begun and have no line, in the order of config and seed.
-    pub(crate) last_tries: Vec<LastTry>,
-}
-
-#[derive(Debug)]
-pub(crate) struct LastTry {
-    /// Index of its config.
-    pub config: usize,
-    pub seed: u64,
-    pub(crate) reason: String,
+    /// The trials that have begun and have no line, in the order of config and seed, and how their last tries ended.
+    pub(crate) last_tries: Vec<(String, u64, String)>,
 }
 
 impl StudyDir {
@@ -169,7 +161,8 @@ impl StudyDir {
                 && *config < self.study.configs.len()
                 && self.study.seeds.contains(seed)
         };
-        let last_try = |(config, seed)| LastTry { config, seed, reason: reason((config, seed)) };
+        let name = |config: usize| self.study.configs[config].name.clone();
+        let last_try = |(config, seed)| (name(config), seed, reason((config, seed)));
         let last_tries = self.kept().into_iter().filter(is_missing).map(last_try).collect();
         Ok(Omitted { notes, last_tries })
     }
