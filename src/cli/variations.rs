@@ -59,6 +59,7 @@ fn variation(text: &str) -> Result<Variation, String> {
 }
 
 pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failure> {
+    let bad = |problem: String| Err(Failure::BadInput(problem));
     let read = |path: &PathBuf| {
         let (origin, text) = read_config(path)?;
         Ok((config_name(path), visible(&origin), text))
@@ -68,14 +69,13 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
         sources.push((DEFAULT_NAME.into(), "the default config".into(), "{}".into()));
     }
     if arguments.set.iter().any(|set| set.starts_with("seed=")) {
-        return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));
+        return bad("--set seed: the seeds of a study are given by --seeds".into());
     }
     for Variation { key, .. } in &arguments.vary {
         let is_below = |set: &str| set.strip_prefix(key).is_some_and(|rest| rest.starts_with(['=', '.']));
         if let Some(set) = arguments.set.iter().find(|set| is_below(set)) {
             let set = visible(set);
-            let problem = format!("--vary {key} overwrites --set {set}; give one of the two");
-            return Err(Failure::BadInput(problem));
+            return bad(format!("--vary {key} overwrites --set {set}; give one of the two"));
         }
     }
     let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
@@ -98,14 +98,10 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
             })?;
             // Two spellings of one value, such as 0.9 and 0.90, would train the same config twice.
             if let Some(other) = seen.insert(json!(config).to_string(), varied.clone()) {
-                return Err(Failure::BadInput(format!(
-                    "--vary: {other} and {varied} are the same config; leave one out"
-                )));
+                return bad(format!("--vary: {other} and {varied} are the same config; leave one out"));
             }
             if configs.iter().any(|other| other.name == name) {
-                return Err(Failure::BadInput(format!(
-                    "--config {origin}: two configs are called {stem:?}; rename a file"
-                )));
+                return bad(format!("--config {origin}: two configs are called {stem:?}; rename a file"));
             }
             programs.share(&mut config.environment, |program| {
                 allow(program, false);
