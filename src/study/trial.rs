@@ -115,8 +115,7 @@ impl Trial {
         unfinished: Option<(&Directory, &Path)>,
         stop: &AtomicBool,
     ) -> Result<Self, Unended> {
-        let mut config = named.config.clone();
-        config.seed = seed;
+        let config = Config { seed, ..named.config.clone() };
         let mut keeper =
             Keeper { config: &config, place: unfinished, evaluations: Vec::new(), is_kept: false };
         let ended = Self::try_run(&named.name, make, lasting, &mut keeper, stop);
