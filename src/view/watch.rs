@@ -106,9 +106,8 @@ impl Watch {
         .areas(frame.area());
         let name = format!(" {}", self.name);
         frame.render_widget(Line::from(vec!["watch".bold(), name.into()]), title);
-        let block = Block::bordered()
-            .title(self.status())
-            .title_bottom(self.state(usize::from(picture.width).saturating_sub(2)));
+        let state = self.state(usize::from(picture.width).saturating_sub(2));
+        let block = Block::bordered().title(self.status()).title_bottom(state);
         self.player.draw(frame, picture, block);
         self.draw_values(frame, values);
         frame.render_widget(Paragraph::new(self.returns(usize::from(returns.width))), returns);
@@ -127,11 +126,8 @@ impl Watch {
             (None, None, true) => "paused".into(),
             (None, None, false) => "plays".into(),
         };
-        format!(
-            " seed {seed} │ step {steps} of {} │ {}x │ {what} ",
-            self.player.spec().max_steps,
-            SPEEDS[self.speed]
-        )
+        let (most, speed) = (self.player.spec().max_steps, SPEEDS[self.speed]);
+        format!(" seed {seed} │ step {steps} of {most} │ {speed}x │ {what} ")
     }
 
     fn state(&self, columns: usize) -> String {
@@ -178,10 +174,9 @@ impl Watch {
             return vec![Line::from("returns: none yet")];
         }
         let mean = returns.iter().map(|(total, _)| *total).sum::<f64>() / returns.len() as f64;
-        let mark = |pushed| if pushed { "*" } else { "" };
-        let latest =
-            returns.iter().rev().map(|(total, pushed)| format!(" {}{}", whole(*total), mark(*pushed)));
-        let latest = fitting(latest, columns.saturating_sub(22));
+        let shown =
+            |(total, pushed): &(f64, bool)| format!(" {}{}", whole(*total), if *pushed { "*" } else { "" });
+        let latest = fitting(returns.iter().rev().map(shown), columns.saturating_sub(22));
         let is_marked = returns.iter().any(|(_, pushed)| *pushed);
         let marked = if is_marked { "   * with actions of yours" } else { "" };
         vec![
