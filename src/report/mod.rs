@@ -9,7 +9,6 @@ mod panels;
 mod plots;
 mod portrait;
 mod run;
-mod sample;
 pub mod statistics;
 mod study;
 mod summary;
