@@ -86,14 +86,15 @@ fn legend(plot: &mut Plot, configs: &[ConfigReport]) {
     }
 }
 
-/// A line and its band, for points (x, estimate).
-fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
-    let band: Option<Vec<_>> =
-        points.iter().map(|(x, estimate)| estimate.interval().map(|(low, high)| (*x, low, high))).collect();
-    if let Some(band) = band {
-        plot.band(series, &band);
+/// A line with its band for each config, through points (x, estimate).
+fn draw_bands(plot: &mut Plot, configs: &[ConfigReport], points: fn(&ConfigReport) -> Vec<(f64, Estimate)>) {
+    for (series, config) in configs.iter().enumerate() {
+        let points = points(config);
+        let band = points.iter().map(|(x, estimate)| estimate.interval().map(|(low, high)| (*x, low, high)));
+        plot.band(series, &band.collect::<Option<Vec<_>>>().unwrap_or_default());
+        plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
     }
-    plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
+    legend(plot, configs);
 }
 
 fn learning_curves(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> Plot {
@@ -102,12 +103,9 @@ fn learning_curves(StudyReport { configs, .. }: &StudyReport, layout: Layout) ->
     let (labels, end) = ([STEPS, "mean return of an evaluation"], last_step(configs));
     let mut plot = Plot::new(layout, &title, labels, (0.0, end), range(tasks(configs)));
     draw_threshold(&mut plot, tasks(configs));
-    for (series, config) in configs.iter().enumerate() {
-        let points: Vec<_> =
-            config.learning_curve.iter().map(|point| (point.env_steps as f64, point.iqm)).collect();
-        line_with_band(&mut plot, series, &points);
-    }
-    legend(&mut plot, configs);
+    draw_bands(&mut plot, configs, |config| {
+        config.learning_curve.iter().map(|point| (point.env_steps as f64, point.iqm)).collect()
+    });
     plot
 }
 
@@ -118,12 +116,9 @@ fn performance_profile(StudyReport { configs, .. }: &StudyReport, layout: Layout
     let (low, _) = range(tasks(configs));
     let high = tasks(configs).map(|task| task.return_range.1).fold(low, f64::max);
     let mut plot = Plot::new(layout, &title, labels, (low, high), (0.0, 1.02));
-    for (series, config) in configs.iter().enumerate() {
-        let points: Vec<_> =
-            config.performance_profile.iter().map(|point| (point.tau, point.share)).collect();
-        line_with_band(&mut plot, series, &points);
-    }
-    legend(&mut plot, configs);
+    draw_bands(&mut plot, configs, |config| {
+        config.performance_profile.iter().map(|point| (point.tau, point.share)).collect()
+    });
     plot
 }
 
