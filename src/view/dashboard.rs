@@ -85,7 +85,7 @@ pub(super) struct Dashboard {
     /// When and at which step the speed was last measured, and what it was, in steps per second.
     measured: (Instant, u64),
     speed: f64,
-    ended: bool,
+    pub(super) ended: bool,
 }
 
 impl Dashboard {
@@ -108,10 +108,6 @@ impl Dashboard {
             speed: 0.0,
             ended: false,
         }
-    }
-
-    pub(super) fn ended(&self) -> bool {
-        self.ended
     }
 
     pub(super) fn set_policy(&mut self, policy: &Policy) {

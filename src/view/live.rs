@@ -139,13 +139,13 @@ impl View {
                 return Ok(true);
             }
             let stopped = self.interrupts.stop.load(Ordering::Relaxed);
-            if self.shared.closing.load(Ordering::SeqCst) || (stopped && self.dashboard.ended()) {
+            if self.shared.closing.load(Ordering::SeqCst) || (stopped && self.dashboard.ended) {
                 return Ok(false);
             }
             self.dashboard.advance(last.elapsed(), self.shared.allowed_steps.load(Ordering::Relaxed));
             last = Instant::now();
             let status = match self.shared.pace() {
-                _ if self.dashboard.ended() => "finished".into(),
+                _ if self.dashboard.ended => "finished".into(),
                 _ if stopped => "stopping; q again ends at once".into(),
                 (pace, true) => format!("paused at {pace}"),
                 (pace, false) => pace.to_string(),
