@@ -169,7 +169,14 @@ impl StudyDir {
 
     fn read_all(&self, each: &mut Each) -> Result<Reader<'_>, StudyError> {
         let trials = self.path.join(TRIALS);
-        let files = self.files().map_err(|error| StudyError::unreadable(&trials, &error))?;
+        let paths =
+            fs::read_dir(&trials).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
+        let mut files: Vec<PathBuf> = match paths {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+            paths => paths.map_err(|error| StudyError::unreadable(&trials, &error))?,
+        };
+        files.retain(|path| path.extension().is_some_and(|extension| extension == EXTENSION));
+        files.sort();
         let names = self.study.configs.iter().enumerate();
         let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
         let (study, found, notes) = (&self.study, HashMap::new(), Vec::new());
@@ -178,18 +185,6 @@ impl StudyDir {
             reader.read(file, each)?;
         }
         Ok(reader)
-    }
-
-    fn files(&self) -> io::Result<Vec<PathBuf>> {
-        let entries = match fs::read_dir(self.path.join(TRIALS)) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-            entries => entries?,
-        };
-        let paths: io::Result<Vec<PathBuf>> = entries.map(|entry| Ok(entry?.path())).collect();
-        let mut paths = paths?;
-        paths.retain(|path| path.extension().is_some_and(|extension| extension == EXTENSION));
-        paths.sort();
-        Ok(paths)
     }
 }
 
