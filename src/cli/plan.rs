@@ -22,7 +22,7 @@ const MAX_SHARDS: f64 = 1000.0;
 
 /// What a study costs, and how it is given to the engines of a cluster. Times its first trial, until `stop` is set.
 pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result<String, Failure> {
-    let total = dir.study().total();
+    let total = dir.study.total();
     let (seconds, is_whole) = time_first_trial(dir, stop)?;
     let core_seconds = seconds * total as f64;
     let shards = (core_seconds / SHARD_SECONDS).ceil().min(total as f64).clamp(1.0, MAX_SHARDS);
@@ -41,8 +41,8 @@ pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result
          GNU parallel  scripts/cluster/parallel.sh {path} {shards}\n\
          this machine  {study}\n\n\
          progress   {study} --status\n",
-        dir.study().configs.len(),
-        dir.study().seeds.end - dir.study().seeds.start,
+        dir.study.configs.len(),
+        dir.study.seeds.end - dir.study.seeds.start,
         hours(core_seconds),
         hours(core_seconds / shards),
     ))
@@ -69,7 +69,7 @@ fn time_first_trial(dir: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Fa
 }
 
 pub(super) fn status(dir: &StudyDir) -> Result<String, Failure> {
-    let study = dir.study();
+    let study = &dir.study;
     let mut counts = vec![(0, 0); study.configs.len()];
     let Omitted { notes, last_tries } = dir.read(|Finished { config, trial }| {
         let (done, failed) = &mut counts[config];

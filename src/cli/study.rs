@@ -121,11 +121,12 @@ impl StudyArguments {
         }
         let mut dir = StudyDir::open(self.path())?;
         let (place, mut programs) = (format!("study {}", shown(self.path())), SharedPrograms::default());
-        for environment in dir.environments_mut() {
-            let permitted = programs.share(environment, |program| self.allow.permit(program, &place, false));
+        for NamedConfig { config, .. } in &mut dir.study.configs {
+            let permit = |program: &mut _| self.allow.permit(program, &place, false);
+            let permitted = programs.share(&mut config.environment, permit);
             permitted.map_err(Failure::BadInput)?;
         }
-        self.check_memory(dir.study())?;
+        self.check_memory(&dir.study)?;
         Ok(dir)
     }
 
@@ -160,7 +161,7 @@ fn plan(arguments: &StudyArguments) -> Result<(), Failure> {
     if arguments.quiet {
         return Ok(());
     }
-    start_program(&dir.study().configs[0]);
+    start_program(&dir.study.configs[0]);
     let signals = Signals::listen(false);
     print(&plan::estimate(&dir, arguments.path(), &signals.stop)?)
 }
@@ -190,7 +191,7 @@ fn train_trials(arguments: &StudyArguments, shard: Option<Shard>) -> Result<(), 
 }
 
 fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Counts, Failure> {
-    let study = dir.study();
+    let study = &dir.study;
     let (mut finished, mut counts) = (HashSet::new(), Counts::default());
     let Omitted { notes, .. } = dir.read(|Finished { config, trial }| {
         if study.is_in(shard, (config, trial.seed)) {

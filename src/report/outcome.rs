@@ -69,7 +69,7 @@ impl TrialOutcome {
 
 pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), ReportError> {
     let group = |NamedConfig { name, task, .. }: NamedConfig| Group { name, task, outcomes: Vec::new() };
-    let mut groups: Vec<Group> = study_dir.study().configs.iter().cloned().map(group).collect();
+    let mut groups: Vec<Group> = study_dir.study.configs.iter().cloned().map(group).collect();
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
     let left_out = study_dir.read(|trial| {
         let config = trial.config;

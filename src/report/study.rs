@@ -31,12 +31,12 @@ impl ReadStudy {
     }
 
     fn of(study_dir: &StudyDir) -> Result<Self, ReportError> {
-        let study = study_dir.study();
+        let study = &study_dir.study;
         let (groups, left_out) = outcome::read(study_dir)?;
         if groups.is_empty() {
             let why = describe_last_tries(left_out.last_tries);
             return Err(ReportError::new(
-                study_dir.path(),
+                &study_dir.path,
                 format!("no trial is finished yet; run the study's command first\n{why}").trim_end(),
             ));
         }

@@ -58,15 +58,15 @@ impl StudyDir {
     }
 
     fn run_trial(&self, number: (usize, u64), make: &MakeFor, stop: &AtomicBool) -> Result<Trial, Unended> {
-        let named = &self.study().configs[number.0];
+        let named = &self.study.configs[number.0];
         let (make, unfinished) = (make(&named.config), self.unfinished(number, CHECKPOINT));
         self.forget_last_try(number);
-        Trial::run(named, make, number.1, self.study().lasting, Some((&self.directory, &unfinished)), stop)
+        Trial::run(named, make, number.1, self.study.lasting, Some((&self.directory, &unfinished)), stop)
     }
 
     /// Runs the first trial and keeps nothing of it.
     pub(crate) fn try_first(&self, stop: &AtomicBool) -> Result<Trial, Unended> {
-        let Study { configs, seeds, lasting, .. } = self.study();
+        let Study { configs, seeds, lasting, .. } = &self.study;
         let named = &configs[0];
         Trial::run(named, named.config.make(), seeds.start, *lasting, None, stop)
     }

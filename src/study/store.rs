@@ -12,7 +12,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::{Study, StudyError, Trial, TrialSummary};
-use crate::config::EnvironmentConfig;
 use crate::files::{Directory, open_ordinary, random_name, read_text_limited};
 use crate::run::names::MANIFEST;
 use crate::text::shown;
@@ -34,10 +33,11 @@ type Each<'a> = dyn FnMut(Finished) -> Result<(), String> + 'a;
 /// The directory of a study, which any number of processes may use at the same time.
 #[derive(Debug)]
 pub struct StudyDir {
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// In which nothing is reached through a link.
     pub(super) directory: Directory,
-    study: Study,
+    /// What it runs. Its environments may need a permission to be started.
+    pub(crate) study: Study,
 }
 
 #[derive(Debug)]
@@ -80,19 +80,6 @@ impl StudyDir {
     fn with(path: &Path, study: Study) -> Result<Self, StudyError> {
         let directory = Directory::open(path).map_err(|error| StudyError::unreadable(path, &error))?;
         Ok(Self { path: path.into(), directory, study })
-    }
-
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
-    }
-
-    pub(crate) fn study(&self) -> &Study {
-        &self.study
-    }
-
-    /// The environments of its configs, which may need a permission to be started.
-    pub(crate) fn environments_mut(&mut self) -> impl Iterator<Item = &mut EnvironmentConfig> {
-        self.study.configs.iter_mut().map(|named| &mut named.config.environment)
     }
 
     /// The newest checkpoint of a trial without a line, or the reason why its last try ended.
