@@ -113,9 +113,9 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
     let trace = arguments.trace.as_deref().map(output);
     let trace_to_stdout = trace.as_ref().is_some_and(Output::is_standard);
     if trace_to_stdout && arguments.json {
-        let problem =
+        let both =
             "--trace - and --json both want standard output; give the trace a file, or leave --json out";
-        return Err(Failure::BadInput(problem.into()));
+        return Err(Failure::BadInput(both.into()));
     }
     trace.as_ref().map_or(Ok(()), Output::check)?;
     let (origin, task, played) = match arguments.policy {

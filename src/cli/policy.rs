@@ -120,11 +120,7 @@ impl LocatedPolicy {
         self.environment.spec().map_err(problem)
     }
 
-    pub(super) fn make_environment(
-        &self,
-        allow: AllowCommand,
-        has_view: bool,
-    ) -> Result<Box<dyn Environment>, Failure> {
+    pub(super) fn make(&self, allow: AllowCommand, has_view: bool) -> Result<Box<dyn Environment>, Failure> {
         let make = self.playable(allow, has_view)?.make();
         Ok(make(self.spec()?.max_steps)?)
     }

@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<(), Failure> {
     output.check()?;
     let found = place.find(*quiet)?;
     let policy = found.policy()?;
-    let mut environment = found.make_environment(*allow, false)?;
+    let mut environment = found.make(*allow, false)?;
     let (drawn, is_read) = match (environment.processes(), format) {
         (None, _) => draw(&output, format, &policy, &mut *environment, arguments)?,
         (Some(_), Format::Gif) => write_film(&output, &policy, &mut *environment, arguments)?,
