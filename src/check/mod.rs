@@ -21,7 +21,7 @@ pub use file::Moments;
 pub use file::Results;
 pub use file::Settings;
 pub use file::Update;
-pub(crate) use file::{EpsilonPlace, START, UpdateError};
+pub(crate) use file::{EpsilonPlace, START};
 pub use reference::Reference;
 pub use reference::Variant;
 pub use rounding::Number;

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::{
-    EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, UpdateError, Verdict, check_with,
+    EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, Verdict, check_with,
 };
 use crate::nn::Loss;
 use crate::text::{COLUMNS, lines, shown};
@@ -35,12 +35,6 @@ pub(super) struct CheckArguments {
     json: bool,
 }
 
-impl From<UpdateError> for Failure {
-    fn from(error: UpdateError) -> Self {
-        Self::BadInput(on_one_line(&error))
-    }
-}
-
 #[derive(Serialize)]
 struct PrintedVerdict<'a> {
     file: String,
@@ -52,10 +46,11 @@ struct PrintedVerdict<'a> {
 pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     let is_standard = is_standard_input(&arguments.file);
     let file = if is_standard { Path::new("standard input") } else { &arguments.file };
-    let update = match is_standard {
-        true => Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, file)?,
-        false => Update::read(file)?,
+    let read = match is_standard {
+        true => Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, file),
+        false => Update::read(file),
     };
+    let update = read.map_err(|error| Failure::BadInput(on_one_line(&error)))?;
     let verdict = check_in_view(&update);
     if arguments.json {
         let (file, settings) = (shown(file), update.settings);
