@@ -53,14 +53,11 @@ fn runs_page(directories: &[PathBuf]) -> Result<String, ReportError> {
         runs => format!("{} runs", runs.len()),
     };
     let mut sections = results(&runs);
-    let lines = match runs.len() {
-        1 => "",
-        _ => {
-            " In the learning curve the bold line is the mean return of an evaluation, the faint one that of the last \
-             100 training episodes."
-        }
-    };
-    let note = format!("All panels are over the environment steps of training.{lines}");
+    let mut note = String::from("All panels are over the environment steps of training.");
+    if runs.len() > 1 {
+        note += " In the learning curve the bold line is the mean return of an evaluation, the faint one that of the last \
+                 100 training episodes.";
+    }
     sections += &section("Learning", &format!("<p class=\"note\">{note}</p>\n{}", learning(&runs)));
     let is_hidden = |portrait: &Value| portrait["portrait"].is_null();
     let hidden = directories.iter().zip(&runs).zip(&portraits).filter(|(_, portrait)| is_hidden(portrait));
