@@ -105,16 +105,13 @@ impl Comparison {
 
 /// The statements of comparisons; those with too few seeds share one.
 pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
-    let (few, mut said): (Vec<_>, Vec<_>) =
-        comparisons.iter().partition(|comparison| comparison.verdict == ComparisonVerdict::TooFewSeeds);
-    said.extend(few.first());
-    let mut said: Vec<String> = said.into_iter().map(|comparison| comparison.statement.clone()).collect();
-    if let (Some(last), [_, others @ ..]) = (said.last_mut(), &few[..])
-        && !others.is_empty()
-    {
-        *last += &format!(". So it is with {} more", others.len());
-    }
-    said
+    let has_few = |comparison: &&Comparison| comparison.verdict == ComparisonVerdict::TooFewSeeds;
+    let said = |comparison: &Comparison| comparison.statement.clone();
+    let mut few = comparisons.iter().filter(has_few).map(said);
+    let (first, others) = (few.next(), few.count());
+    let more = if others > 0 { format!(". So it is with {others} more") } else { String::new() };
+    let others = comparisons.iter().filter(|comparison| !has_few(comparison)).map(said);
+    others.chain(first.map(|first| first + &more)).collect()
 }
 
 /// How many runs a key ended before their budget was used up, and what that does to the numbers; none if no run ended so.
