@@ -177,8 +177,8 @@ fn iso(time: SystemTime) -> Option<String> {
 fn listed(runs: &[ListedRun], root: &Path) -> String {
     let head =
         ["written (UTC)", "run", "config", "seed", "steps", "best", "final", "state"].map(String::from);
-    let rows: Vec<Vec<String>> =
-        std::iter::once(head.to_vec()).chain(runs.iter().map(|run| run.cells(root))).collect();
+    let mut rows = vec![head.to_vec()];
+    rows.extend(runs.iter().map(|run| run.cells(root)));
     let table = table(&rows);
     let mut text = String::new();
     for (i, line) in table.lines().enumerate() {

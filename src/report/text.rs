@@ -60,12 +60,9 @@ fn ranked(configs: &[ConfigReport]) -> Table {
             format!("{:.1}", config.final_mean.value),
         ]
     };
-    Table {
-        title: "Mean return of the final policies over the seeds, the best config first:".into(),
-        rows: std::iter::once(heading.to_vec())
-            .chain(order(configs).into_iter().enumerate().map(row))
-            .collect(),
-    }
+    let mut rows = vec![heading.to_vec()];
+    rows.extend(order(configs).into_iter().enumerate().map(row));
+    Table { title: "Mean return of the final policies over the seeds, the best config first:".into(), rows }
 }
 
 /// The tables of a report, the best config first in each.
