@@ -110,8 +110,8 @@ pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
     let mut few = comparisons.iter().filter(has_few).map(said);
     let (first, others) = (few.next(), few.count());
     let more = if others > 0 { format!(". So it is with {others} more") } else { String::new() };
-    let others = comparisons.iter().filter(|comparison| !has_few(comparison)).map(said);
-    others.chain(first.map(|first| first + &more)).collect()
+    let enough = comparisons.iter().filter(|comparison| !has_few(comparison)).map(said);
+    enough.chain(first.map(|first| first + &more)).collect()
 }
 
 /// How many runs a key ended before their budget was used up, and what that does to the numbers; none if no run ended so.
