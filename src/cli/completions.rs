@@ -139,8 +139,7 @@ fn is_request(value: &str) -> bool {
     value.starts_with(':')
 }
 
-/// The keys of a config as `key=`. After the `=` come the key's values, where there are only a few; after a comma
-/// another of them.
+/// The keys of a config as `key=`; after the `=` the key's values, where there are only a few, and another after a comma.
 fn settings(word: &str) -> Vec<Candidate> {
     let Some((name, _)) = word.split_once('=') else {
         return config::keys().map(|(key, meaning, _)| (format!("{key}="), meaning.into())).collect();

@@ -44,8 +44,7 @@ impl Output<'_> {
         self.path == Path::new(STANDARD)
     }
 
-    /// Refuses what cannot be written, and what would be lost: a file that is not empty and holds something else.
-    /// Nothing is touched.
+    /// Refuses a directory, and a file that is not empty and holds something else, which would be lost. Nothing is touched.
     pub(super) fn check(&self) -> Result<(), Failure> {
         let path = self.path;
         if self.is_standard() {

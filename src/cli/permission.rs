@@ -16,8 +16,7 @@ pub(super) struct AllowCommand {
 }
 
 impl AllowCommand {
-    /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one. See [`allow`] for
-    /// `has_view`.
+    /// Allows the environment of `file`, a run or a checkpoint, to start its program, if it has one: see [`allow`].
     pub(super) fn permit(
         self,
         environment: &mut EnvironmentConfig,

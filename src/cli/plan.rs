@@ -30,21 +30,19 @@ pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result
     let hours = |seconds: f64| format!("{:.2}", seconds / 3600.0);
     let path = shell_word(&path.to_string_lossy());
     let study = visible(&format!("{} study {path}", program()));
+    let (configs, seeds) = (dir.study.configs.len(), dir.study.seeds.end - dir.study.seeds.start);
+    let [all_hours, shard_hours] = [core_seconds, core_seconds / shards].map(hours);
     Ok(format!(
         "study      {path}\n\
-         trials     {total}: configs {}, seeds {}\n\
-         estimate   {least} {seconds:.2} s a trial on one core, {} core hours in all, by the first trial\n\
-         shards     {shards}, each {least} {} hours on one core\n\n\
+         trials     {total}: configs {configs}, seeds {seeds}\n\
+         estimate   {least} {seconds:.2} s a trial on one core, {all_hours} core hours in all, by the first trial\n\
+         shards     {shards}, each {least} {shard_hours} hours on one core\n\n\
          By one of these, with the scripts of this program's repository:\n\
          Slurm         sbatch --array=0-{last} scripts/cluster/slurm.sbatch {path} {shards}\n\
          HyperQueue    hq submit --array 0-{last} scripts/cluster/hyperqueue.sh {path} {shards}\n\
          GNU parallel  scripts/cluster/parallel.sh {path} {shards}\n\
          this machine  {study}\n\n\
-         progress   {study} --status\n",
-        dir.study.configs.len(),
-        dir.study.seeds.end - dir.study.seeds.start,
-        hours(core_seconds),
-        hours(core_seconds / shards),
+         progress   {study} --status\n"
     ))
 }
 

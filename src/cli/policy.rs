@@ -64,8 +64,7 @@ pub(super) struct LocatedPolicy {
 }
 
 impl PolicyArguments {
-    /// Reads the checkpoint that is meant. Only if the user typed nothing is a note printed, unless `quiet`: which run it
-    /// is.
+    /// Reads the checkpoint that is meant. If the user typed nothing, a note says which run it is, unless `quiet`.
     pub(super) fn find(&self, quiet: bool) -> Result<LocatedPolicy, Failure> {
         let typed = self.path.as_ref().or(self.checkpoint.as_ref());
         let place = match typed {

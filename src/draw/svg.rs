@@ -18,9 +18,8 @@ pub(crate) fn is_svg(start: &[u8]) -> bool {
     start.starts_with(self::start().as_bytes())
 }
 
-/// The episode of these scenes, at least one, as an SVG file. The last scene stays for a second.
-///
-/// `title` is plain text without markup.
+/// The episode of these scenes, at least one, as an SVG file. The last scene stays for a second. The title has no
+/// markup.
 pub(crate) fn svg(scenes: &[Scene], frames_per_second: f64, title: &str) -> String {
     let held = frames_per_second.round().max(1.0);
     let animation =

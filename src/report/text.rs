@@ -205,8 +205,8 @@ pub(super) fn standing(report: &StudyReport) -> String {
         None => "unknown, since the task has no threshold".into(),
     };
     let Table { title, rows } = ranked(configs);
-    let mut text =
-        format!("trials     {finished}\nsolved     {solved}\nfailed     {}\n\n{title}\n", report.failed);
+    let failures = report.failed;
+    let mut text = format!("trials     {finished}\nsolved     {solved}\nfailed     {failures}\n\n{title}\n");
     text += &(table(&rows) + &legend(names(report)));
     statements(&report.comparisons).iter().for_each(|statement| text += &wrapped(statement, 2));
     failed(report).iter().for_each(|line| text += &wrapped(line, 7));

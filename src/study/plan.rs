@@ -149,8 +149,7 @@ impl Study {
         let manifest = path.join(MANIFEST);
         if is_free(path).map_err(bad)? {
             let made = create_folders(path).map_err(unwritable)?;
-            let written =
-                Directory::open(path).and_then(|directory| directory.write_json_new(&manifest, self));
+            let written = Directory::open(path).and_then(|dir| dir.write_json_new(&manifest, self));
             // Another process may have been faster; whether it runs the same study is seen below.
             if let Err(error) = written
                 && error.kind() != io::ErrorKind::AlreadyExists

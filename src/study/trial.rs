@@ -105,19 +105,18 @@ impl<S> Trial<S> {
 }
 
 impl Trial {
-    /// Trains the config with the seed and scores what it came to. The file `unfinished` has the newest checkpoint of a try
+    /// Trains the config with the seed and scores what it came to. The file at `place` has the newest checkpoint of a try
     /// that did not end, and this one resumes it.
     pub(super) fn run(
         named: &NamedConfig,
         make: Arc<Make>,
         seed: u64,
         lasting: bool,
-        unfinished: Option<(&Directory, &Path)>,
+        place: Option<(&Directory, &Path)>,
         stop: &AtomicBool,
     ) -> Result<Self, Unended> {
         let config = Config { seed, ..named.config.clone() };
-        let mut keeper =
-            Keeper { config: &config, place: unfinished, evaluations: Vec::new(), is_kept: false };
+        let mut keeper = Keeper { config: &config, place, evaluations: Vec::new(), is_kept: false };
         let ended = Self::try_run(&named.name, make, lasting, &mut keeper, stop);
         let is_kept = keeper.is_kept;
         ended.map_err(|cause| Unended { config: named.name.clone(), seed, cause, is_kept })

@@ -124,8 +124,7 @@ struct View {
 }
 
 impl View {
-    /// Shows the run until there is nothing more to show. The result is whether somebody does not want to wait for the end of
-    /// the step.
+    /// Shows the run until there is nothing more to show, or until somebody does not want to wait for the end of the step: true.
     fn run(mut self) -> io::Result<bool> {
         let mut last = Instant::now();
         loop {
