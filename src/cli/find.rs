@@ -38,10 +38,9 @@ pub(super) fn newest_with_policy(directory: &Path) -> Result<PathBuf, Failure> {
 pub(super) fn find(directory: &Path) -> Result<FoundRuns, Failure> {
     if !directory.is_dir() {
         let problem = if directory.exists() { "is not a directory" } else { "does not exist" };
+        let (place, program) = (shown(directory), program());
         return Err(Failure::BadInput(format!(
-            "{} {problem}; give a directory with runs in it, or train the first one, which makes {RUNS}: {} train",
-            shown(directory),
-            program()
+            "{place} {problem}; give a directory with runs in it, or train the first one, which makes {RUNS}: {program} train"
         )));
     }
     let mut found = FoundRuns::default();

@@ -59,9 +59,7 @@ fn time_first_trial(dir: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Fa
         trial.join().unwrap_or_else(|panic| resume_unwind(panic))
     });
     match trial {
-        Err(unended @ Unended { cause: Cause::Failed(_), .. }) => {
-            Err(Failure::Disturbed(unended.to_string()))
-        }
+        Err(ended @ Unended { cause: Cause::Failed(_), .. }) => Err(Failure::Disturbed(ended.to_string())),
         trial => Ok((begin.elapsed().as_secs_f64(), trial.is_ok())),
     }
 }

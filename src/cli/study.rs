@@ -135,12 +135,8 @@ impl StudyArguments {
         let jobs = self.jobs();
         let at_once = jobs.min(study.trials(Shard::ALL).take(jobs).count());
         let checked = study.configs.iter().try_for_each(|named| named.config.check_memory(at_once));
-        checked.or_else(|error| match self.plan {
-            true => Ok(()),
-            false => Err(Failure::BadInput(format!(
-                "{error} (--jobs {jobs} trains so many runs at the same time)"
-            ))),
-        })
+        let problem = |error: String| format!("{error} (--jobs {jobs} trains so many runs at the same time)");
+        if self.plan { Ok(()) } else { checked.map_err(|error| Failure::BadInput(problem(error))) }
     }
 
     fn report_command(&self) -> String {
@@ -174,12 +170,10 @@ fn train_trials(arguments: &StudyArguments, shard: Option<Shard>) -> Result<(), 
     let path = arguments.path();
     if !arguments.quiet {
         print(&match shard {
-            None => format!(
-                "{}\nstudy      {}\nreport     {}\n",
-                report::standing(&dir)?,
-                shown(path),
-                arguments.report_command()
-            ),
+            None => {
+                let (standing, command) = (report::standing(&dir)?, arguments.report_command());
+                format!("{standing}\nstudy      {}\nreport     {command}\n", shown(path))
+            }
             Some(_) => format!(
                 "trials     {done} of this shard, of which this process trained {trained}\nfailed     {failed}\n\
                  progress   cartpole-dqn study {} --status\n",
