@@ -18,8 +18,7 @@ pub(crate) fn is_svg(start: &[u8]) -> bool {
     start.starts_with(self::start().as_bytes())
 }
 
-/// The episode of these scenes, at least one, as an SVG file. The last scene stays for a second. The title has no
-/// markup.
+/// The episode of these scenes, at least one, as an SVG file with a title without markup. The last scene stays for a second.
 pub(crate) fn svg(scenes: &[Scene], frames_per_second: f64, title: &str) -> String {
     let held = frames_per_second.round().max(1.0);
     let animation =

@@ -35,10 +35,8 @@ impl ReadStudy {
         let (groups, left_out) = outcome::read(study_dir)?;
         if groups.is_empty() {
             let why = describe_last_tries(left_out.last_tries);
-            return Err(ReportError::new(
-                &study_dir.path,
-                format!("no trial is finished yet; run the study's command first\n{why}").trim_end(),
-            ));
+            let problem = format!("no trial is finished yet; run the study's command first\n{why}");
+            return Err(ReportError::new(&study_dir.path, problem.trim_end()));
         }
         let mut configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
         let labels = text::labels(study, &configs);
