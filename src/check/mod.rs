@@ -16,7 +16,7 @@ mod verdict;
 
 pub use catalogue::{CATALOGUE, Stage};
 pub use file::{Batch, Moments, Results, Settings, Update};
-pub(crate) use file::{EpsilonPlace, START, UpdateError};
+pub(crate) use file::{EpsilonPlace, START};
 pub use reference::{Reference, Variant};
 pub use rounding::Number;
 pub(crate) use verdict::{Explained, Judged, check_with};

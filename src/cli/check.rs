@@ -1,6 +1,6 @@
 //! `cartpole-dqn check`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -10,12 +10,11 @@ use serde::Serialize;
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::{
-    EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, UpdateError, Verdict, check_with,
+    EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, Verdict, check_with,
 };
 use crate::nn::Loss;
 use crate::text::{COLUMNS, lines, shown};
 
-/// Columns in which the names of the quantities stand.
 const INDENT: usize = 11;
 /// How long a check shows no progress.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -36,13 +35,6 @@ pub(super) struct CheckArguments {
     json: bool,
 }
 
-impl From<UpdateError> for Failure {
-    fn from(error: UpdateError) -> Self {
-        Self::BadInput(on_one_line(&error))
-    }
-}
-
-/// What --json prints.
 #[derive(Serialize)]
 struct PrintedVerdict<'a> {
     file: String,
@@ -52,19 +44,19 @@ struct PrintedVerdict<'a> {
 }
 
 pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
-    let (file, update) = if is_standard_input(&arguments.file) {
-        let file = PathBuf::from("standard input");
-        let update = Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, &file)?;
-        (file, update)
-    } else {
-        (arguments.file.clone(), Update::read(&arguments.file)?)
+    let is_standard = is_standard_input(&arguments.file);
+    let file = if is_standard { Path::new("standard input") } else { &arguments.file };
+    let read = match is_standard {
+        true => Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, file),
+        false => Update::read(file),
     };
+    let update = read.map_err(|error| Failure::BadInput(on_one_line(&error)))?;
     let verdict = check_in_view(&update);
     if arguments.json {
-        let file = shown(&file);
-        print_json(&PrintedVerdict { file, settings: update.settings, verdict: &verdict })?;
+        let (file, settings) = (shown(file), update.settings);
+        print_json(&PrintedVerdict { file, settings, verdict: &verdict })?;
     } else {
-        print(&describe(&shown(&file), &update, &verdict))?;
+        print(&describe(&shown(file), &update, &verdict))?;
     }
     if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
 }
@@ -87,7 +79,6 @@ fn check_in_view(update: &Update) -> Verdict {
     verdict
 }
 
-/// The last line.
 fn summary(verdict: &Verdict) -> String {
     let unexplained = verdict.quantities.iter().filter(|quantity| quantity.state == QuantityState::Different);
     let unexplained: Vec<_> = unexplained.map(|quantity| quantity.name.name()).collect();
@@ -116,7 +107,13 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         put(&mut text, name, &state(quantity, verdict));
         let explanation = verdict.explanations.first().into_iter().flatten();
         for explained in explanation.filter(|explained| explained.quantity == quantity.name) {
-            put_mistake(&mut text, explained);
+            let Explained { mistake, reported_only, .. } = explained;
+            put(&mut text, "  what", mistake.what);
+            if *reported_only {
+                put(&mut text, "", "only this number has it: what follows is computed without it");
+            }
+            put(&mut text, "  why", mistake.why);
+            put(&mut text, "  mend", mistake.mend);
         }
     }
     for other in verdict.explanations.iter().skip(1) {
@@ -151,10 +148,7 @@ fn not_tried(verdict: &Verdict) -> String {
 
 fn settings(update: &Update) -> String {
     let Settings { gamma, learning_rate, beta1, beta2, epsilon, .. } = update.settings;
-    let loss = match update.settings.loss {
-        Loss::Mse => "mse",
-        Loss::Huber => "huber",
-    };
+    let loss = if update.settings.loss == Loss::Mse { "mse" } else { "huber" };
     let double = if update.settings.double { "double, " } else { "" };
     let norm = update.settings.max_gradient_norm;
     let norm = norm.map_or(String::new(), |norm| format!(", max_gradient_norm {norm}"));
@@ -169,37 +163,24 @@ fn settings(update: &Update) -> String {
 
 fn state(quantity: &Judged, verdict: &Verdict) -> String {
     let difference = quantity.largest_relative_difference.unwrap_or(0.0);
-    let is_given = verdict
-        .quantities
-        .iter()
-        .take_while(|other| other.name != quantity.name)
-        .any(|other| matches!(other.state, QuantityState::Explained | QuantityState::Different));
+    let mut above = verdict.quantities.iter().take_while(|other| other.name != quantity.name);
+    let is_given =
+        above.any(|other| matches!(other.state, QuantityState::Explained | QuantityState::Different));
     let given = if is_given { " given the above" } else { "" };
     let differing = match quantity.numbers {
         1 => String::new(),
         numbers => format!(", {} of {numbers}", quantity.differing),
     };
     let difference = format!("(largest relative difference {difference:.1e})");
+    let differs = format!("DIFFERENT{given}{differing} {difference}");
     match quantity.state {
         QuantityState::Absent => "absent".into(),
         QuantityState::Equal => format!("equal{given} {difference}"),
-        QuantityState::Explained => format!("DIFFERENT{given}{differing} {difference}"),
-        QuantityState::Different => {
-            format!("DIFFERENT{given}{differing} {difference}, and no known mistake gives these numbers")
-        }
+        QuantityState::Explained => differs,
+        QuantityState::Different => differs + ", and no known mistake gives these numbers",
     }
 }
 
-fn put_mistake(text: &mut String, Explained { mistake, reported_only, .. }: &Explained) {
-    put(text, "  what", mistake.what);
-    if *reported_only {
-        put(text, "", "only this number has it: what follows is computed without it");
-    }
-    put(text, "  why", mistake.why);
-    put(text, "  mend", mistake.mend);
-}
-
-/// Adds a paragraph with its name before it.
 fn put(text: &mut String, name: &str, paragraph: &str) {
     let margin = format!("\n{:INDENT$}", "");
     *text += &format!("{name:<INDENT$}{}\n", lines(paragraph, COLUMNS - INDENT).join(&margin));

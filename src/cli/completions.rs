@@ -60,7 +60,6 @@ pub(super) fn run_words(arguments: &Words, mut root: Command) -> Result<(), Fail
     print(&lines.map(|(value, help)| format!("{value}\t{help}\n")).collect::<String>())
 }
 
-/// A word and what it means.
 type Candidate = (String, String);
 
 fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
@@ -72,22 +71,20 @@ fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
             command = command.find_subcommand(word).unwrap_or(command);
         }
     }
+    let values_of = |argument: Option<&Arg>, word| argument.map_or_else(Vec::new, |arg| values(arg, word));
     let mut all = match word.split_once('=') {
-        _ if waiting.is_some() => waiting.map_or_else(Vec::new, |option| values(option, word)),
+        _ if waiting.is_some() => values_of(waiting, word),
         Some((name, value)) if word.starts_with('-') => {
-            let values = named(command, name).map_or_else(Vec::new, |option| values(option, value));
-            let with_name = |(value, help): Candidate| match is_request(&value) {
-                true => (value, help),
-                false => (format!("{name}={value}"), help),
-            };
-            values.into_iter().map(with_name).collect()
+            let mut values = values_of(named(command, name), value);
+            let words = values.iter_mut().map(|(value, _)| value).filter(|value| !is_request(value));
+            words.for_each(|value| value.insert_str(0, &format!("{name}=")));
+            values
         }
         _ if word.starts_with('-') => options(command, before),
         _ => {
             let commands = command.get_subcommands().filter(|command| !command.is_hide_set());
             let about = |command: &Command| (command.get_name().into(), first_line(command.get_about()));
-            let positional = command.get_positionals().next();
-            let values = positional.map_or_else(Vec::new, |positional| values(positional, word));
+            let values = values_of(command.get_positionals().next(), word);
             let all: Vec<Candidate> = commands.map(about).chain(values).collect();
             if all.is_empty() { options(command, before) } else { all }
         }
@@ -96,7 +93,6 @@ fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
     all
 }
 
-/// The option that a word names: `--name`, `--name=value` or `-n`.
 fn named<'a>(command: &'a Command, word: &str) -> Option<&'a Arg> {
     let name = word.split('=').next()?;
     command.get_arguments().find(|arg| match name.strip_prefix("--") {
@@ -105,7 +101,6 @@ fn named<'a>(command: &'a Command, word: &str) -> Option<&'a Arg> {
     })
 }
 
-/// The options that can still be given.
 fn options(command: &Command, before: &[&str]) -> Vec<Candidate> {
     let given: Vec<_> = before.iter().filter_map(|word| named(command, word)).collect();
     let is_free = |arg: &&Arg| matches!(arg.get_action(), ArgAction::Append) || !given.contains(arg);
@@ -144,8 +139,7 @@ fn is_request(value: &str) -> bool {
     value.starts_with(':')
 }
 
-/// The keys of a config as `key=`. After the `=` come the key's values, where there are only a few; after a comma
-/// another of them.
+/// The keys of a config as `key=`; after the `=` the key's values, where there are only a few, and another after a comma.
 fn settings(word: &str) -> Vec<Candidate> {
     let Some((name, _)) = word.split_once('=') else {
         return config::keys().map(|(key, meaning, _)| (format!("{key}="), meaning.into())).collect();
@@ -155,7 +149,6 @@ fn settings(word: &str) -> Vec<Candidate> {
     values.into_iter().map(|value| (format!("{before}{value}"), String::new())).collect()
 }
 
-/// The runs that lie where `train` puts them.
 fn runs() -> Vec<Candidate> {
     let entries = fs::read_dir("runs").into_iter().flatten().flatten();
     let is_run = |entry: &fs::DirEntry| entry.path().join("config.json").is_file();
@@ -165,7 +158,6 @@ fn runs() -> Vec<Candidate> {
     runs
 }
 
-/// The first sentence of a help text, which is its first line.
 fn first_line(text: Option<&clap::builder::StyledStr>) -> String {
     text.map(ToString::to_string).unwrap_or_default().lines().next().unwrap_or_default().into()
 }

@@ -20,7 +20,6 @@ use crate::run::{SavedPolicy, final_evaluation};
 use crate::text::{shown, visible};
 use crate::trainer::{Evaluation, SCORE_SEED, Score, evaluate, play};
 
-/// How every trace begins.
 const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 
 /// Play a trained policy and score it.
@@ -70,7 +69,6 @@ enum Baseline {
     Random,
 }
 
-/// Which policy was played.
 #[derive(Default, Serialize)]
 struct Origin {
     /// `best` or `last` of a run, `other` (of another program) or `random`.
@@ -86,7 +84,6 @@ struct Origin {
     end: Option<(Evaluation, PathBuf)>,
 }
 
-/// One line of `--trace`.
 #[derive(Default, Serialize)]
 struct TraceLine {
     episode: u64,
@@ -111,18 +108,14 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
         let problem = format!("--seed {seed} + --episodes {episodes} is beyond the largest seed, {most}");
         return Err(Failure::BadInput(problem));
     }
-    let trace = arguments.trace.as_deref().map(|path| Output {
-        option: "--trace",
-        path,
-        what: "a trace",
-        is_own: |start| start.starts_with(TRACE_START),
-    });
+    let is_own = |start: &[u8]| start.starts_with(TRACE_START);
+    let output = |path| Output { option: "--trace", path, what: "a trace", is_own };
+    let trace = arguments.trace.as_deref().map(output);
     let trace_to_stdout = trace.as_ref().is_some_and(Output::is_standard);
     if trace_to_stdout && arguments.json {
-        return Err(Failure::BadInput(
-            "--trace - and --json both want standard output; give the trace a file, or leave --json out"
-                .into(),
-        ));
+        let both =
+            "--trace - and --json both want standard output; give the trace a file, or leave --json out";
+        return Err(Failure::BadInput(both.into()));
     }
     trace.as_ref().map_or(Ok(()), Output::check)?;
     let (origin, task, played) = match arguments.policy {
@@ -131,7 +124,7 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
             let task = Task::new(&EnvironmentConfig::Named(environment), &arguments)?;
             let mut policy = Random::new(task.spec.num_actions, Rng::from_seed(seed));
             let origin = Origin { kind: "random", ..Origin::default() };
-            let played = play_all(&mut policy, &task, &arguments, trace.as_ref())?;
+            let played = task.play_all(&mut policy, trace.as_ref())?;
             (origin, task, played)
         }
         None => {
@@ -140,7 +133,7 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
             let task = Task::new(&found.playable(arguments.allow, false)?, &arguments)?;
             let played = match &trace {
                 None => Some(evaluate(&policy.policy, &*task.make, task.max_steps, seed, episodes, 1.0)?),
-                Some(_) => play_all(&mut policy.greedy(1), &task, &arguments, trace.as_ref())?,
+                Some(_) => task.play_all(&mut policy.greedy(1), trace.as_ref())?,
             };
             (Origin::new(&found, &policy), task, played)
         }
@@ -159,7 +152,7 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
             "solved": solved, "returns": returns,
         }))?;
     } else if !arguments.quiet {
-        let text = origin.describe() + &describe(&score, &played, solved, &task, &arguments);
+        let text = origin.describe() + &task.describe(&score, &played, solved);
         if trace_to_stdout {
             // A closed stderr leaves nobody to tell.
             let _ = io::stderr().write_all(text.as_bytes());
@@ -167,11 +160,11 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
             print(&text)?;
         }
     }
-    match arguments.min_mean {
-        Some(minimum) if score.mean < minimum => {
+    match arguments.min_mean.filter(|minimum| score.mean < *minimum) {
+        Some(minimum) => {
             Err(Failure::Failed(format!("mean return {:.2} is below --min-mean {minimum}", score.mean)))
         }
-        _ => Ok(()),
+        None => Ok(()),
     }
 }
 
@@ -198,7 +191,6 @@ impl Origin {
         }
     }
 
-    /// The lines above the score.
     fn describe(&self) -> String {
         let mut text = match self.env_steps {
             Some(step) => {
@@ -227,18 +219,20 @@ impl Origin {
 }
 
 /// What is played: an environment under the time limit of --max-steps.
-struct Task {
+struct Task<'a> {
+    arguments: &'a EvalArguments,
     make: Arc<Make>,
     spec: Spec,
     max_steps: u32,
 }
 
-impl Task {
-    fn new(environment: &EnvironmentConfig, arguments: &EvalArguments) -> Result<Self, Failure> {
+impl<'a> Task<'a> {
+    fn new(environment: &EnvironmentConfig, arguments: &'a EvalArguments) -> Result<Self, Failure> {
         let spec = environment.spec()?;
         // The largest limit that the option takes is far below.
         let typed = arguments.max_steps.map(|steps| u32::try_from(steps).unwrap_or(u32::MAX));
-        Ok(Self { make: environment.make(), max_steps: typed.unwrap_or(spec.max_steps), spec })
+        let max_steps = typed.unwrap_or(spec.max_steps);
+        Ok(Self { arguments, make: environment.make(), spec, max_steps })
     }
 
     /// Whether the episodes solve the task; none for fewer than 100 of them, for episodes that were cut off before the task's own
@@ -249,89 +243,71 @@ impl Task {
         let threshold = self.spec.solved_return.filter(|_| can_tell)?;
         Some(Score::new(&scored).mean >= threshold)
     }
-}
 
-/// Plays one episode after another, and writes the trace if one is asked for; none if nobody reads it any longer.
-fn play_all(
-    actor: &mut impl Actor,
-    task: &Task,
-    arguments: &EvalArguments,
-    trace: Option<&Output<'_>>,
-) -> Result<Option<Vec<Played>>, Failure> {
-    let mut played = Vec::new();
-    let mut play = |file: &mut dyn Write| -> Result<(), WriteError> {
-        for episode in 0..arguments.episodes {
-            played.push(trace_episode(actor, task, arguments, episode, file)?);
-        }
-        Ok(())
-    };
-    let is_read = match trace {
-        None => play(&mut io::sink()).map(|()| true)?,
-        Some(trace) => trace.write(play)?,
-    };
-    Ok(is_read.then_some(played))
-}
+    /// Plays one episode after another, and writes the trace if one is asked for; none if nobody reads it any longer.
+    fn play_all(
+        &self,
+        actor: &mut impl Actor,
+        trace: Option<&Output<'_>>,
+    ) -> Result<Option<Vec<Played>>, Failure> {
+        let mut played = Vec::new();
+        let mut play = |file: &mut dyn Write| -> Result<(), WriteError> {
+            for episode in 0..self.arguments.episodes {
+                played.push(self.play_episode(actor, episode, file)?);
+            }
+            Ok(())
+        };
+        let is_read = match trace {
+            None => play(&mut io::sink()).map(|()| true)?,
+            Some(trace) => trace.write(play)?,
+        };
+        Ok(is_read.then_some(played))
+    }
 
-fn trace_episode(
-    actor: &mut impl Actor,
-    task: &Task,
-    arguments: &EvalArguments,
-    episode: u64,
-    file: &mut dyn Write,
-) -> Result<Played, WriteError> {
-    let seed = arguments.seed + episode;
-    let mut environment = (task.make)(task.max_steps)?;
-    let mut played = Played::default();
-    let mut line: Option<TraceLine> = None;
-    play(actor, &mut *environment, seed, |moment| {
-        if let (Some(line), Some(outcome)) = (line.take(), moment.outcome) {
-            let Outcome { reward, terminated, truncated } = outcome;
-            played.count(outcome, task.spec.max_steps.into(), 1.0);
-            let line = TraceLine { reward, terminated, truncated, ..line };
-            serde_json::to_writer(&mut *file, &line).map_err(io::Error::from)?;
-            file.write_all(b"\n")?;
-        }
-        let (state, step) = (moment.state(), moment.step);
-        let q_values = moment.q_values;
-        line = moment.action.map(|action| TraceLine {
-            episode,
-            seed,
-            step,
-            state,
-            action,
-            q_values,
-            ..TraceLine::default()
-        });
-        Ok::<_, WriteError>(true)
-    })?;
-    Ok(played)
-}
+    fn play_episode(
+        &self,
+        actor: &mut impl Actor,
+        episode: u64,
+        file: &mut dyn Write,
+    ) -> Result<Played, WriteError> {
+        let seed = self.arguments.seed + episode;
+        let mut environment = (self.make)(self.max_steps)?;
+        let (mut played, mut line) = (Played::default(), None);
+        play(actor, &mut *environment, seed, |moment| {
+            if let (Some(line), Some(outcome)) = (line.take(), moment.outcome) {
+                let Outcome { reward, terminated, truncated } = outcome;
+                played.count(outcome, self.spec.max_steps.into(), 1.0);
+                let line = TraceLine { reward, terminated, truncated, ..line };
+                serde_json::to_writer(&mut *file, &line).map_err(io::Error::from)?;
+                file.write_all(b"\n")?;
+            }
+            let (step, state, q_values) = (moment.step, moment.state(), moment.q_values);
+            let begun = TraceLine { episode, seed, step, state, q_values, ..TraceLine::default() };
+            line = moment.action.map(|action| TraceLine { action, ..begun });
+            Ok::<_, WriteError>(true)
+        })?;
+        Ok(played)
+    }
 
-fn describe(
-    score: &Score,
-    played: &[Played],
-    solved: Option<bool>,
-    task: &Task,
-    arguments: &EvalArguments,
-) -> String {
-    let Score { episodes, mean, std, .. } = score;
-    let [min, median, max] =
-        [score.min, score.median, score.max].map(|value| (value * 100.0).round() / 100.0);
-    let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
-    let (seed, max_steps, task) = (arguments.seed, task.max_steps, &task.spec);
-    let full = played.iter().filter(|episode| episode.steps >= u64::from(max_steps)).count();
-    let full = full as f64 * 100.0 / *episodes as f64;
-    let verdict = solved.map_or("open", |solved| if solved { "yes" } else { "no" });
-    let solved = match task.solved_return {
-        Some(_) => format!("{verdict} (a mean {} over at least 100 episodes)", task.goal()),
-        None => format!("{verdict} ({} has no threshold)", task.id),
-    };
-    let judged = match task.max_steps {
-        own if own == max_steps => String::new(),
-        own => format!("\n               episodes count up to step {own}, where {} ends", task.id),
-    };
-    format!(
-        "\
+    fn describe(&self, score: &Score, played: &[Played], solved: Option<bool>) -> String {
+        let Score { episodes, mean, std, .. } = score;
+        let [min, median, max] =
+            [score.min, score.median, score.max].map(|value| (value * 100.0).round() / 100.0);
+        let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
+        let (seed, max_steps, task) = (self.arguments.seed, self.max_steps, &self.spec);
+        let full = played.iter().filter(|episode| episode.steps >= u64::from(max_steps)).count();
+        let full = full as f64 * 100.0 / *episodes as f64;
+        let verdict = solved.map_or("open", |solved| if solved { "yes" } else { "no" });
+        let solved = match task.solved_return {
+            Some(_) => format!("{verdict} (a mean {} over at least 100 episodes)", task.goal()),
+            None => format!("{verdict} ({} has no threshold)", task.id),
+        };
+        let judged = match task.max_steps {
+            own if own == max_steps => String::new(),
+            own => format!("\n               episodes count up to step {own}, where {} ends", task.id),
+        };
+        format!(
+            "\
 mean return    {mean:.2}{interval}
 std            {std:.2}
 min/median/max {min} / {median} / {max}
@@ -339,6 +315,7 @@ at {max_steps:<11} {full:.0} % of episodes
 episodes       {episodes}, Gymnasium's seeds {seed} to {}
 solved         {solved}{judged}
 ",
-        seed + (episodes - 1),
-    )
+            seed + (episodes - 1),
+        )
+    }
 }

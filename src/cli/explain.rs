@@ -1,6 +1,5 @@
 //! `cartpole-dqn explain`
 
-use std::fmt::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -14,7 +13,6 @@ use crate::check::START;
 use crate::explain::{ExplainError, ExplainedUpdate, explain};
 use crate::nn::{Activations, Loss, Mlp, norm};
 
-/// Transitions that are shown without --all.
 const SHOWN: usize = 3;
 
 /// Show one update of the training with all its numbers.
@@ -69,23 +67,19 @@ pub(super) fn run(arguments: &ExplainArguments) -> Result<(), Failure> {
 }
 
 fn describe(explained: &ExplainedUpdate, arguments: &ExplainArguments) -> String {
-    let mut text = String::new();
-    // Writing to a string cannot fail.
-    let _ = head(&mut text, explained, arguments.update);
     let size = explained.targets.len();
     let shown = if arguments.all { size } else { size.min(SHOWN) };
     let q = Values::of(explained);
-    let _ = (0..shown).try_for_each(|sample| transition(&mut text, explained, &q, sample));
+    let mut text = head(explained, arguments.update);
+    text.extend((0..shown).map(|sample| transition(explained, &q, sample)));
     if shown < size {
-        let _ = writeln!(text, "\n     … and {} more; --all shows them", size - shown);
+        text += &format!("\n     … and {} more; --all shows them\n", size - shown);
     }
-    let _ = step(&mut text, explained);
-    let _ = (0..shown).try_for_each(|sample| afterwards(&mut text, explained, &q, sample));
-    let again: f32 =
-        (0..size).map(|sample| explained.config.loss.value(q.error_after(explained, sample))).sum();
-    let again = number(again / size as f32);
-    let _ = writeln!(text, "     loss on the same targets: {again}, before {}", number(explained.loss));
-    text
+    text += &step(explained);
+    text.extend((0..shown).map(|sample| afterwards(explained, &q, sample)));
+    let losses = (0..size).map(|sample| explained.config.loss.value(td_error(&q.after, explained, sample)));
+    let (again, before) = (number(losses.sum::<f32>() / size as f32), number(explained.loss));
+    text + &format!("     loss on the same targets: {again}, before {before}\n")
 }
 
 /// Q-values before and after the update, (batch, actions).
@@ -106,10 +100,6 @@ impl Values {
             after: q_values(&explained.after.online.mlp, s),
         }
     }
-
-    fn error_after(&self, explained: &ExplainedUpdate, sample: usize) -> f32 {
-        self.after[(sample, usize::from(explained.minibatch.actions[sample]))] - explained.targets[sample]
-    }
 }
 
 fn q_values(network: &Mlp<f32>, observations: &DMatrix<f32>) -> DMatrix<f32> {
@@ -119,118 +109,111 @@ fn q_values(network: &Mlp<f32>, observations: &DMatrix<f32>) -> DMatrix<f32> {
     activations.output().clone()
 }
 
-fn head(text: &mut String, explained: &ExplainedUpdate, update: u64) -> std::fmt::Result {
-    let config = &explained.config;
-    let sizes: Vec<_> = explained.before.online.mlp.sizes().iter().map(ToString::to_string).collect();
-    let target =
-        if explained.has_target() { "Q⁻ is the target network's" } else { "no target network: Q⁻ is Q" };
-    writeln!(text, "update     {update}, seed {}", explained.seed)?;
-    writeln!(
-        text,
-        "when       after environment step {}, in episode {}",
-        explained.env_steps, explained.episodes
-    )?;
-    writeln!(text, "network    {}; {target}", sizes.join("-"))?;
-    if config.observation_divisors.is_some() || config.reward_scale != 1.0 {
-        writeln!(text, "scales     observations and rewards are shown as the network gets them: scaled")?;
-    }
-    let (samples, remembered) = (explained.targets.len(), explained.before.replay.len());
-    writeln!(text, "minibatch  {samples} of the {remembered} transitions remembered")
+/// δ = Q(s, a) - y
+fn td_error(q: &DMatrix<f32>, explained: &ExplainedUpdate, sample: usize) -> f32 {
+    q[(sample, usize::from(explained.minibatch.actions[sample]))] - explained.targets[sample]
 }
 
-fn transition(text: &mut String, explained: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
+fn head(explained: &ExplainedUpdate, update: u64) -> String {
+    let ExplainedUpdate { config, seed, env_steps, episodes, before, targets, .. } = explained;
+    let sizes: Vec<_> = before.online.mlp.sizes().iter().map(ToString::to_string).collect();
+    let target =
+        if explained.has_target() { "Q⁻ is the target network's" } else { "no target network: Q⁻ is Q" };
+    let scales = match config.observation_divisors.is_some() || config.reward_scale != 1.0 {
+        true => "scales     observations and rewards are shown as the network gets them: scaled\n",
+        false => "",
+    };
+    format!(
+        "\
+update     {update}, seed {seed}
+when       after environment step {env_steps}, in episode {episodes}
+network    {}; {target}
+{scales}minibatch  {} of the {} transitions remembered
+",
+        sizes.join("-"),
+        targets.len(),
+        before.replay.len()
+    )
+}
+
+fn transition(explained: &ExplainedUpdate, q: &Values, sample: usize) -> String {
     let batch = &explained.minibatch;
     let action = usize::from(batch.actions[sample]);
     let (reward, discount) = (number(batch.rewards[sample]), number(batch.discounts[sample]));
-    let end = if batch.terminated[sample] { "; the episode terminated there" } else { "" };
-    writeln!(text, "\n{:>4} s  = {}", sample + 1, row(&batch.observations, sample))?;
-    writeln!(text, "     a  = {action}, r = {reward}")?;
-    writeln!(text, "     s′ = {}{end}", row(&batch.next_observations, sample))?;
-    writeln!(text, "     Q(s, ·) = {}", row(&q.current, sample))?;
+    let (place, end) =
+        (sample + 1, if batch.terminated[sample] { "; the episode terminated there" } else { "" });
+    let [s, next] = [&batch.observations, &batch.next_observations].map(|states| row(states, sample));
+    let [current, of_next, target_of_next] =
+        [&q.current, &q.next, &q.target_of_next].map(|values| row(values, sample));
     let target = number(explained.targets[sample]);
-    if batch.terminated[sample] {
-        writeln!(text, "     y = r = {target}")?;
+    let y = if batch.terminated[sample] {
+        format!("y = r = {target}")
     } else if explained.config.double {
         let best = crate::agent::argmax(&q.next, sample);
         let value = number(q.target_of_next[(sample, best)]);
-        writeln!(text, "     Q(s′, ·) = {} is largest for action {best}", row(&q.next, sample))?;
-        writeln!(text, "     Q⁻(s′, ·) = {}", row(&q.target_of_next, sample))?;
-        writeln!(text, "     y = {reward} + {discount} · {value} = {target}")?;
+        format!(
+            "Q(s′, ·) = {of_next} is largest for action {best}\n     Q⁻(s′, ·) = {target_of_next}\n     \
+             y = {reward} + {discount} · {value} = {target}"
+        )
     } else {
-        writeln!(text, "     y = {reward} + {discount} · max{} = {target}", row(&q.target_of_next, sample))?;
-    }
-    let predicted = q.current[(sample, action)];
-    let td_error = predicted - explained.targets[sample];
-    let loss = explained.config.loss;
+        format!("y = {reward} + {discount} · max{target_of_next} = {target}")
+    };
+    let (td_error, loss) = (td_error(&q.current, explained, sample), explained.config.loss);
     let formula = match loss {
         Loss::Mse => "δ²",
         Loss::Huber if td_error.abs() < 1.0 => "½ δ²",
         Loss::Huber => "|δ| - ½",
     };
-    writeln!(
-        text,
-        "     δ = Q(s, {action}) - y = {} - {target} = {}; loss {formula} = {}",
-        number(predicted),
-        number(td_error),
-        number(loss.value(td_error))
+    let [predicted, delta, loss] = [q.current[(sample, action)], td_error, loss.value(td_error)].map(number);
+    format!(
+        "
+{place:>4} s  = {s}
+     a  = {action}, r = {reward}
+     s′ = {next}{end}
+     Q(s, ·) = {current}
+     {y}
+     δ = Q(s, {action}) - y = {predicted} - {target} = {delta}; loss {formula} = {loss}
+"
     )
 }
 
-fn step(text: &mut String, explained: &ExplainedUpdate) -> std::fmt::Result {
-    let (before, after) = (&explained.before, &explained.after);
-    writeln!(text, "\nloss       {}, the mean of {}", number(explained.loss), explained.targets.len())?;
-    let whole = norm(explained.gradient.parameters());
+fn step(explained: &ExplainedUpdate) -> String {
+    let ExplainedUpdate { before, after, gradient, .. } = explained;
+    let [old, new] = [before, after].map(|agent| &agent.online.mlp);
+    let whole = norm(gradient.parameters());
     let is_shortened = explained.config.optimizer.max_gradient_norm.filter(|max| whole > max * 0.999);
     let shortened =
         is_shortened.map_or(String::new(), |max| format!(", shortened to max_gradient_norm {max}"));
-    writeln!(text, "gradient   norm {}{shortened}", number(whole as f32))?;
-    let weights = after.online.mlp.parameters().iter().zip(before.online.mlp.parameters());
-    let moved: Vec<f32> = weights.map(|(after, before)| after - before).collect();
-    let length_of = |values: &[f32]| number(norm(values) as f32);
-    let mut start = 0;
-    for layer in 0..before.online.mlp.num_layers() {
-        let length = before.online.mlp.layer(layer).len();
-        writeln!(
-            text,
-            "     layer {}: norms: gradient {}, step {}, weights {}",
-            layer + 1,
-            length_of(explained.gradient.layer(layer)),
-            length_of(&moved[start..start + length]),
-            length_of(before.online.mlp.layer(layer))
-        )?;
-        start += length;
+    let (loss, size, length) = (number(explained.loss), explained.targets.len(), number(whole as f32));
+    let mut text = format!("\nloss       {loss}, the mean of {size}\ngradient   norm {length}{shortened}\n");
+    let moves =
+        |old: &[f32], new: &[f32]| old.iter().zip(new).map(|(old, new)| new - old).collect::<Vec<_>>();
+    for layer in 0..old.num_layers() {
+        let step = moves(old.layer(layer), new.layer(layer));
+        let norms = [gradient.layer(layer), &step, old.layer(layer)];
+        let [gradient, step, weights] = norms.map(|values| number(norm(values) as f32));
+        let layer = layer + 1;
+        text += &format!("     layer {layer}: norms: gradient {gradient}, step {step}, weights {weights}\n");
     }
-    let largest = moved.iter().fold(0.0, |largest: f32, step| largest.max(step.abs()));
-    writeln!(
-        text,
-        "Adam       step {}, learning rate {}, largest move of a weight {}",
-        after.adam.steps,
-        number(before.adam.learning_rate as f32),
-        number(largest)
-    )?;
-    writeln!(text, "\nafter it")
-}
-
-fn afterwards(text: &mut String, explained: &ExplainedUpdate, q: &Values, sample: usize) -> std::fmt::Result {
-    let action = usize::from(explained.minibatch.actions[sample]);
-    let before = q.current[(sample, action)] - explained.targets[sample];
-    writeln!(
-        text,
-        "{:>4} Q(s, ·) = {}; δ = {}, before {}",
-        sample + 1,
-        row(&q.after, sample),
-        number(q.error_after(explained, sample)),
-        number(before)
+    let moves = moves(old.parameters(), new.parameters());
+    let largest = number(moves.iter().fold(0.0, |largest: f32, step| largest.max(step.abs())));
+    let (steps, rate) = (after.adam.steps, number(before.adam.learning_rate as f32));
+    text + &format!(
+        "Adam       step {steps}, learning rate {rate}, largest move of a weight {largest}\n\nafter it\n"
     )
 }
 
-/// A row as (1, 0.5, …).
+fn afterwards(explained: &ExplainedUpdate, q: &Values, sample: usize) -> String {
+    let [before, after] = [&q.current, &q.after].map(|q| number(td_error(q, explained, sample)));
+    let (place, values) = (sample + 1, row(&q.after, sample));
+    format!("{place:>4} Q(s, ·) = {values}; δ = {after}, before {before}\n")
+}
+
 fn row(matrix: &DMatrix<f32>, sample: usize) -> String {
     let numbers: Vec<_> = matrix.row(sample).iter().map(|&value| number(value)).collect();
     format!("({})", numbers.join(", "))
 }
 
-/// A number with at most five digits.
 fn number(value: f32) -> String {
     let size = value.abs();
     if value == 0.0 || (0.01..10_000.0).contains(&size) {

@@ -10,42 +10,37 @@ use crate::run::names::{BEST, LAST};
 use crate::run::{RunDir, checkpoint_of};
 use crate::text::shown;
 
-/// Where `train` puts its runs.
 pub(super) const RUNS: &str = "runs";
-/// How many levels of directories are searched.
 const DEPTH: usize = 5;
 
-/// What there is below a directory.
 #[derive(Default)]
 pub(super) struct FoundRuns {
     pub(super) runs: Vec<PathBuf>,
     pub(super) unreadable: Vec<(PathBuf, io::Error)>,
 }
 
-/// The newest run that has a policy.
 pub(super) fn newest_with_policy(directory: &Path) -> Result<PathBuf, Failure> {
-    let none = |what: &str| {
+    let (exists, place) = (directory.exists(), directory.display());
+    let runs = if exists { find(directory)?.runs } else { Vec::new() };
+    runs.into_iter().find(|run| checkpoint_of(run).is_ok()).ok_or_else(|| {
+        let what = match exists {
+            true => format!("no run below {place} has a policy"),
+            false => format!("there is no directory {place} here"),
+        };
         Failure::BadInput(format!(
             "no path is given, and {what}; train a policy with: cartpole-dqn train, or give the path of one, such as \
              runs/my-run"
         ))
-    };
-    if !directory.exists() {
-        return Err(none(&format!("there is no directory {} here", directory.display())));
-    }
-    let runs = find(directory)?.runs;
-    let newest = runs.into_iter().find(|run| checkpoint_of(run).is_ok());
-    newest.ok_or_else(|| none(&format!("no run below {} has a policy", directory.display())))
+    })
 }
 
 /// The runs below a directory, the newest first; of equally new ones first the one whose name is last.
 pub(super) fn find(directory: &Path) -> Result<FoundRuns, Failure> {
     if !directory.is_dir() {
         let problem = if directory.exists() { "is not a directory" } else { "does not exist" };
+        let (place, program) = (shown(directory), program());
         return Err(Failure::BadInput(format!(
-            "{} {problem}; give a directory with runs in it, or train the first one, which makes {RUNS}: {} train",
-            shown(directory),
-            program()
+            "{place} {problem}; give a directory with runs in it, or train the first one, which makes {RUNS}: {program} train"
         )));
     }
     let mut found = FoundRuns::default();

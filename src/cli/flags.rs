@@ -8,7 +8,6 @@ use super::ui::program;
 use crate::config::meanings;
 use crate::text::shell_word;
 
-/// What replaces a value that the user has not given.
 const PLACEHOLDER: &str = "VALUE";
 
 /// The command that a command line is for: its name in messages, and itself.
@@ -22,7 +21,6 @@ pub(super) fn command_of<'a>(root: &'a Command, arguments: &[String]) -> (String
     (names.join(" "), command)
 }
 
-/// Whether a command has an option of this long name.
 pub(super) fn has_option(command: &Command, long: &str) -> bool {
     command.get_arguments().any(|argument| argument.get_long() == Some(long))
 }
@@ -34,7 +32,7 @@ pub(super) fn key_for_option(error: &clap::Error, root: &Command, arguments: &[S
     if error.kind() != ErrorKind::UnknownArgument || !has_option(command, "set") {
         return None;
     }
-    let Corrected { line, replaced, others } = corrected(command, arguments);
+    let (line, replaced, others) = corrected(command, arguments);
     if !replaced.contains(option) {
         return None;
     }
@@ -50,18 +48,9 @@ fn joined(words: &[String]) -> String {
     words.iter().map(|word| shell_word(word)).collect::<Vec<_>>().join(" ")
 }
 
-/// A command line with `--set` in place of every option that is a setting.
-#[derive(Default)]
-struct Corrected {
-    line: Vec<String>,
-    /// These options.
-    replaced: Vec<String>,
-    /// What they could mean besides, in words.
-    others: String,
-}
-
-fn corrected(command: &Command, arguments: &[String]) -> Corrected {
-    let mut corrected = Corrected::default();
+/// A command line with `--set` in place of every option that is a setting; these options, and what they could mean besides.
+fn corrected(command: &Command, arguments: &[String]) -> (Vec<String>, Vec<String>, String) {
+    let (mut line, mut replaced, mut others) = (Vec::new(), Vec::new(), String::new());
     let mut words = arguments.iter().peekable();
     while let Some(word) = words.next() {
         let (option, attached) = word.split_once('=').map_or((word.as_str(), None), |(o, v)| (o, Some(v)));
@@ -77,21 +66,21 @@ fn corrected(command: &Command, arguments: &[String]) -> Corrected {
             found.iter().filter(|settings| !["$schema={}", "seed={}"].contains(&settings[0].as_str()));
         let mut meanings = found.map(|settings| given(settings, value, command));
         let Some(by) = meanings.next() else {
-            corrected.line.push(word.clone());
+            line.push(word.clone());
             continue;
         };
         for other in meanings {
             let (other, by) = (joined(&other), joined(&by));
-            corrected.others +=
+            others +=
                 &format!("\n`{option}` could also be {other}: if you mean that, type it in place of {by}");
         }
-        corrected.line.extend(by);
-        corrected.replaced.push(option.into());
+        line.extend(by);
+        replaced.push(option.to_owned());
         if next.is_some() {
             words.next();
         }
     }
-    corrected
+    (line, replaced, others)
 }
 
 /// Settings as a command takes them. Several values of a study are varied.

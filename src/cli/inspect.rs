@@ -1,7 +1,5 @@
 //! `cartpole-dqn inspect`
 
-use std::fmt::Write;
-
 use clap::Args;
 
 use super::policy::PolicyArguments;
@@ -42,53 +40,56 @@ fn describe(checkpoint: &Checkpoint, task: &Spec, all: bool) -> Result<String, C
         Err(CheckpointProblem::NoHeader) => None,
         header => Some(header?),
     };
-    let mut text = String::new();
-    // Writing to a string cannot fail.
-    let _ = match &header {
-        None => writeln!(text, "format      written by another program"),
-        Some(header) => describe_header(&mut text, header, checkpoint.version()?),
+    let mut text = match &header {
+        None => "format      written by another program\n".into(),
+        Some(header) => describe_header(header, checkpoint.version()?),
     };
-    let _ = match checkpoint.policy(task) {
-        Ok(policy) => describe_policy(&mut text, checkpoint, &policy),
-        Err(problem) => {
-            writeln!(text, "policy      none that eval can play: {}", visible(&problem.to_string()))
-        }
+    text += &match checkpoint.policy(task) {
+        Ok(policy) => describe_policy(checkpoint, &policy),
+        Err(problem) => format!("policy      none that eval can play: {}\n", visible(&problem.to_string())),
     };
     if !all {
         let count = checkpoint.tensors.iter().count();
         let config = if header.is_some() { " and the run's config" } else { "" };
-        let _ = writeln!(text, "tensors     {count}; --all prints them{config}");
-        return Ok(text);
+        return Ok(text + &format!("tensors     {count}; --all prints them{config}\n"));
     }
     for (name, dtype, shape) in checkpoint.tensors.iter() {
-        let _ = writeln!(text, "tensor      {} {dtype:?} {shape:?}", visible(name));
+        text += &format!("tensor      {} {dtype:?} {shape:?}\n", visible(name));
     }
     if let Some(header) = &header {
         let config = serde_json::to_string_pretty(&config_of_checkpoint(&header.config)).unwrap_or_default();
-        let _ = writeln!(text, "config      {}", config.replace('\n', "\n            "));
+        text += &format!("config      {}\n", config.replace('\n', "\n            "));
     }
     Ok(text)
 }
 
-fn describe_header(text: &mut String, header: &Header, version: Option<u32>) -> std::fmt::Result {
+fn describe_header(header: &Header, version: Option<u32>) -> String {
     let what = match header.progress {
         Some(_) => "policy and state of the run, its last",
         None => "policy of the run, its best",
     };
-    writeln!(text, "format      cartpole-dqn version {}: {what}", version.unwrap_or_default())?;
-    writeln!(text, "step        {} of the run (seed {})", header.env_steps, header.config.seed)?;
+    let (version, Header { env_steps, config, .. }) = (version.unwrap_or_default(), header);
     let mean = |Evaluation { mean, env_steps }| format!("mean return {mean:.2} at step {env_steps}");
-    writeln!(text, "evaluation  {}", header.evaluation.map_or_else(|| "none yet".into(), mean))
+    let evaluation = header.evaluation.map_or_else(|| "none yet".into(), mean);
+    format!(
+        "\
+format      cartpole-dqn version {version}: {what}
+step        {env_steps} of the run (seed {})
+evaluation  {evaluation}
+",
+        config.seed
+    )
 }
 
-fn describe_policy(text: &mut String, checkpoint: &Checkpoint, policy: &Policy) -> std::fmt::Result {
-    writeln!(text, "policy      {}", policy.shape())?;
-    writeln!(text, "weights     sha256 of the policy, which eval plays:")?;
-    writeln!(text, "            {}", policy.sha256())?;
+fn describe_policy(checkpoint: &Checkpoint, policy: &Policy) -> String {
+    let (shape, hash) = (policy.shape(), policy.sha256());
+    let text = format!(
+        "policy      {shape}\nweights     sha256 of the policy, which eval plays:\n            {hash}\n"
+    );
     let mut online = policy.clone();
-    if online.load("online.", &checkpoint.tensors).is_ok() {
-        writeln!(text, "            sha256 of the online network, which train prints (weights_sha256):")?;
-        writeln!(text, "            {}", online.sha256())?;
+    if online.load("online.", &checkpoint.tensors).is_err() {
+        return text;
     }
-    Ok(())
+    let which = "the online network, which train prints (weights_sha256)";
+    text + &format!("            sha256 of {which}:\n            {}\n", online.sha256())
 }

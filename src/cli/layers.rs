@@ -9,7 +9,6 @@ use super::ui::Failure;
 use crate::config::{self, Config};
 use crate::text::shown;
 
-/// What a run of the default config is called.
 pub(super) const DEFAULT_NAME: &str = "cartpole";
 
 /// What a config is made of.
@@ -63,7 +62,6 @@ impl Layers {
         self.set.iter().cloned().chain(seed).chain(stop).collect()
     }
 
-    /// What a run of this config is called.
     pub(super) fn name(&self) -> String {
         self.config.as_deref().map_or_else(|| DEFAULT_NAME.into(), config_name)
     }

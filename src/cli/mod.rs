@@ -67,7 +67,6 @@ enum Command {
     CompleteWords(completions::Words),
 }
 
-/// Runs the command that the process was started with.
 pub fn run() -> ExitCode {
     let typed: Vec<_> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     let result = match CommandLine::try_parse() {
@@ -117,10 +116,8 @@ fn execute(command: Command) -> Result<(), Failure> {
 
 /// What is wrong with the command line, where this program knows more about it than clap.
 fn what_is_wrong(error: &clap::Error, arguments: &[String]) -> Option<String> {
-    let not_utf8 = || std::env::args_os().find(|argument| argument.to_str().is_none());
-    if error.kind() == ErrorKind::InvalidUtf8
-        && let Some(argument) = not_utf8()
-    {
+    if error.kind() == ErrorKind::InvalidUtf8 {
+        let argument = std::env::args_os().find(|argument| argument.to_str().is_none())?;
         return Some(format!("the argument {argument:?} is not valid UTF-8; only paths may be so"));
     }
     flags::key_for_option(error, &CommandLine::command(), arguments)

@@ -9,10 +9,8 @@ use crate::env::EnvironmentError;
 use crate::files::{open_ordinary, write_whole};
 use crate::text::shown;
 
-/// Bytes at the start of a file that tell what it is.
 const START: u64 = 512;
 
-/// Why an output is not written.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum WriteError {
     #[error(transparent)]
@@ -33,9 +31,7 @@ impl From<WriteError> for Failure {
     }
 }
 
-/// An output that the user has asked for.
 pub(super) struct Output<'a> {
-    /// The option that names it.
     pub(crate) option: &'a str,
     pub path: &'a Path,
     /// What it is, such as "a trace", and how such a file begins.
@@ -48,8 +44,7 @@ impl Output<'_> {
         self.path == Path::new(STANDARD)
     }
 
-    /// Refuses what cannot be written, and what would be lost: a file that is not empty and holds something else.
-    /// Nothing is touched.
+    /// Refuses a directory, and a file that is not empty and holds something else, which would be lost. Nothing is touched.
     pub(super) fn check(&self) -> Result<(), Failure> {
         let path = self.path;
         if self.is_standard() {

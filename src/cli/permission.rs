@@ -16,8 +16,7 @@ pub(super) struct AllowCommand {
 }
 
 impl AllowCommand {
-    /// Allows the environment of a run or a checkpoint, `file`, to start its program, if it has one. See [`allow`] for
-    /// `has_view`.
+    /// Allows the environment of `file`, a run or a checkpoint, to start its program, if it has one: see [`allow`].
     pub(super) fn permit(
         self,
         environment: &mut EnvironmentConfig,
@@ -50,7 +49,6 @@ pub(super) fn allow(environment: &mut EnvironmentConfig, has_view: bool) {
     environment.allow(if has_view { |_, _| false } else { show_line });
 }
 
-/// See [`allow`]; and asks the program for its task.
 pub(super) fn ask_task(config: &mut Config, has_view: bool) -> Result<(), Failure> {
     allow(&mut config.environment, has_view);
     Ok(config.ask_task()?)
@@ -78,7 +76,6 @@ impl SharedPrograms {
     }
 }
 
-/// Shows a line of the standard error of a program.
 fn show_line(program: &str, line: &str) -> bool {
     let mut stderr = io::stderr().lock();
     // The line takes the place of a progress bar, which is drawn again below it.

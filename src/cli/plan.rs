@@ -11,7 +11,6 @@ use crate::report;
 use crate::study::{Cause, Finished, Omitted, StudyDir, Unended};
 use crate::text::{labels, legend, shell_word, table, visible};
 
-/// Widest name in the table of a status.
 const NAME: usize = 48;
 /// The first trial of a plan is timed no longer than that.
 const TIMED: Duration = Duration::from_secs(30);
@@ -23,7 +22,7 @@ const MAX_SHARDS: f64 = 1000.0;
 
 /// What a study costs, and how it is given to the engines of a cluster. Times its first trial, until `stop` is set.
 pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result<String, Failure> {
-    let total = dir.study().total();
+    let total = dir.study.total();
     let (seconds, is_whole) = time_first_trial(dir, stop)?;
     let core_seconds = seconds * total as f64;
     let shards = (core_seconds / SHARD_SECONDS).ceil().min(total as f64).clamp(1.0, MAX_SHARDS);
@@ -31,21 +30,19 @@ pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result
     let hours = |seconds: f64| format!("{:.2}", seconds / 3600.0);
     let path = shell_word(&path.to_string_lossy());
     let study = visible(&format!("{} study {path}", program()));
+    let (configs, seeds) = (dir.study.configs.len(), dir.study.seeds.end - dir.study.seeds.start);
+    let [all_hours, shard_hours] = [core_seconds, core_seconds / shards].map(hours);
     Ok(format!(
         "study      {path}\n\
-         trials     {total}: configs {}, seeds {}\n\
-         estimate   {least} {seconds:.2} s a trial on one core, {} core hours in all, by the first trial\n\
-         shards     {shards}, each {least} {} hours on one core\n\n\
+         trials     {total}: configs {configs}, seeds {seeds}\n\
+         estimate   {least} {seconds:.2} s a trial on one core, {all_hours} core hours in all, by the first trial\n\
+         shards     {shards}, each {least} {shard_hours} hours on one core\n\n\
          By one of these, with the scripts of this program's repository:\n\
          Slurm         sbatch --array=0-{last} scripts/cluster/slurm.sbatch {path} {shards}\n\
          HyperQueue    hq submit --array 0-{last} scripts/cluster/hyperqueue.sh {path} {shards}\n\
          GNU parallel  scripts/cluster/parallel.sh {path} {shards}\n\
          this machine  {study}\n\n\
-         progress   {study} --status\n",
-        dir.study().configs.len(),
-        dir.study().seeds.end - dir.study().seeds.start,
-        hours(core_seconds),
-        hours(core_seconds / shards),
+         progress   {study} --status\n"
     ))
 }
 
@@ -62,16 +59,13 @@ fn time_first_trial(dir: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Fa
         trial.join().unwrap_or_else(|panic| resume_unwind(panic))
     });
     match trial {
-        Err(unended @ Unended { cause: Cause::Failed(_), .. }) => {
-            Err(Failure::Disturbed(unended.to_string()))
-        }
+        Err(ended @ Unended { cause: Cause::Failed(_), .. }) => Err(Failure::Disturbed(ended.to_string())),
         trial => Ok((begin.elapsed().as_secs_f64(), trial.is_ok())),
     }
 }
 
-/// How many trials of each config are done, missing and failed.
 pub(super) fn status(dir: &StudyDir) -> Result<String, Failure> {
-    let study = dir.study();
+    let study = &dir.study;
     let mut counts = vec![(0, 0); study.configs.len()];
     let Omitted { notes, last_tries } = dir.read(|Finished { config, trial }| {
         let (done, failed) = &mut counts[config];
@@ -92,5 +86,5 @@ pub(super) fn status(dir: &StudyDir) -> Result<String, Failure> {
     let all = counts.iter().fold((0, 0), |all, count| (all.0 + count.0, all.1 + count.1));
     rows.push(row(String::new(), "all", all, study.total()));
     let names = legend(labels.iter().map(String::as_str).zip(names));
-    Ok(names + &table(&rows) + &report::describe_last_tries(study, last_tries))
+    Ok(names + &table(&rows) + &report::describe_last_tries(last_tries))
 }

@@ -16,7 +16,6 @@ use crate::run::{Checkpoint, CheckpointError, CheckpointProblem, Header, SavedPo
 use crate::tensors::TensorError;
 use crate::text::shown;
 
-/// Standard input or output, where a file can be given.
 pub(super) const STANDARD: &str = "-";
 /// Whether a path is standard input, under one of the names that it has.
 pub(super) fn is_standard_input(path: &Path) -> bool {
@@ -32,7 +31,6 @@ pub(super) fn standard_input(example: &str) -> Result<io::StdinLock<'static>, Fa
     }
 }
 
-/// The environment where nothing says another one.
 pub(super) const DEFAULT_ENVIRONMENT: EnvironmentId = EnvironmentId::CartPoleV1;
 
 /// Where a command finds its policy.
@@ -56,11 +54,9 @@ fn environment() -> impl TypedValueParser<Value = EnvironmentId> {
         .try_map(move |name| EnvironmentId::from_name(&name).ok_or_else(unknown))
 }
 
-/// A checkpoint that has been found and read.
 pub(super) struct LocatedPolicy {
     /// What the user typed, or the newest run.
     pub(crate) place: PathBuf,
-    /// The file that was read.
     pub(crate) file: PathBuf,
     pub(crate) checkpoint: Checkpoint,
     /// The environment that the policy was trained in. A program is not allowed to start yet.
@@ -68,21 +64,25 @@ pub(super) struct LocatedPolicy {
 }
 
 impl PolicyArguments {
-    /// Reads the checkpoint that is meant. Only if the user typed nothing is a note printed, unless `quiet`: which run it
-    /// is.
+    /// Reads the checkpoint that is meant. If the user typed nothing, a note says which run it is, unless `quiet`.
     pub(super) fn find(&self, quiet: bool) -> Result<LocatedPolicy, Failure> {
         let typed = self.path.as_ref().or(self.checkpoint.as_ref());
         let place = match typed {
-            Some(place) if is_standard_input(place) => return self.read_standard_input(),
-            Some(place) => place.clone(),
-            None => {
-                let run = newest_with_policy(Path::new(RUNS))?;
-                if !quiet {
-                    note(&format!("no path is given, so this is the newest run: {}", shown(&run)));
-                }
-                run
+            Some(place) if is_standard_input(place) => {
+                let file = PathBuf::from("standard input");
+                let mut stdin = standard_input("cartpole-dqn eval - < last.safetensors")?;
+                let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read);
+                return match checkpoint {
+                    Ok(checkpoint) => self.found(STANDARD.into(), file, checkpoint),
+                    Err(problem) => Err(CheckpointError { path: file, problem }.into()),
+                };
             }
+            Some(place) => place.clone(),
+            None => newest_with_policy(Path::new(RUNS))?,
         };
+        if typed.is_none() && !quiet {
+            note(&format!("no path is given, so this is the newest run: {}", shown(&place)));
+        }
         let file = checkpoint_of(&place)?;
         let checkpoint = Checkpoint::read(&file)?;
         self.found(place, file, checkpoint)
@@ -104,18 +104,9 @@ impl PolicyArguments {
             _ => Ok(LocatedPolicy { place, file, checkpoint, environment }),
         }
     }
-
-    fn read_standard_input(&self) -> Result<LocatedPolicy, Failure> {
-        let file = PathBuf::from("standard input");
-        let mut stdin = standard_input("cartpole-dqn eval - < last.safetensors")?;
-        let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
-            .map_err(|problem| CheckpointError { path: file.clone(), problem })?;
-        self.found(STANDARD.into(), file, checkpoint)
-    }
 }
 
 impl LocatedPolicy {
-    /// The environment, to be played in.
     pub(super) fn playable(&self, allow: AllowCommand, has_view: bool) -> Result<EnvironmentConfig, Failure> {
         let mut environment = self.environment.clone();
         let file = format!("checkpoint {}", shown(&self.file));
@@ -128,12 +119,7 @@ impl LocatedPolicy {
         self.environment.spec().map_err(problem)
     }
 
-    /// The environment under its own time limit.
-    pub(super) fn make_environment(
-        &self,
-        allow: AllowCommand,
-        has_view: bool,
-    ) -> Result<Box<dyn Environment>, Failure> {
+    pub(super) fn make(&self, allow: AllowCommand, has_view: bool) -> Result<Box<dyn Environment>, Failure> {
         let make = self.playable(allow, has_view)?.make();
         Ok(make(self.spec()?.max_steps)?)
     }
@@ -141,10 +127,9 @@ impl LocatedPolicy {
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
         let policy = SavedPolicy::of(&self.checkpoint, &self.spec()?);
         policy.map_err(|problem| {
-            let is_for_another = matches!(
-                problem,
-                CheckpointProblem::Tensor(TensorError::WrongNetwork { .. } | TensorError::WrongTable { .. })
-            );
+            use TensorError::{WrongNetwork, WrongTable};
+            let is_for_another =
+                matches!(problem, CheckpointProblem::Tensor(WrongNetwork { .. } | WrongTable { .. }));
             let error = CheckpointError { path: self.file.clone(), problem };
             match is_for_another && self.checkpoint.header::<Header>().is_err() {
                 true => Failure::BadInput(format!("{error}; --environment NAME says what it plays")),

@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<(), Failure> {
     output.check()?;
     let found = place.find(*quiet)?;
     let policy = found.policy()?;
-    let mut environment = found.make_environment(*allow, false)?;
+    let mut environment = found.make(*allow, false)?;
     let (drawn, is_read) = match (environment.processes(), format) {
         (None, _) => draw(&output, format, &policy, &mut *environment, arguments)?,
         (Some(_), Format::Gif) => write_film(&output, &policy, &mut *environment, arguments)?,
@@ -148,7 +148,6 @@ fn format(arguments: &RenderArguments) -> Result<Format, Failure> {
     })
 }
 
-/// The scenes of an episode.
 fn scenes(frames: impl Iterator<Item = Frame>, id: &str) -> Result<Vec<Scene>, Failure> {
     let scenes: Option<Vec<_>> = frames.map(|frame| frame.scene).collect();
     let problem = || format!("{id} has no picture to draw; `eval --trace` writes the states of an episode");

@@ -48,7 +48,8 @@ pub(super) fn run(arguments: &ReportArguments) -> Result<(), Failure> {
     let report = Report::of(studied)?;
     report.notes.iter().for_each(|text| note(text));
     let out = arguments.out.as_ref().unwrap_or(studied);
-    for name in [REPORT].into_iter().chain(report.files.iter().map(|(name, _)| *name)) {
+    let names: Vec<&str> = [REPORT].into_iter().chain(report.files.iter().map(|(name, _)| *name)).collect();
+    for name in &names {
         let path = &out.join(name);
         Output { option: "--out", path, what: "of a report", is_own: report::is_own }.check()?;
         // A pipe that nobody reads would never be written.
@@ -59,25 +60,23 @@ pub(super) fn run(arguments: &ReportArguments) -> Result<(), Failure> {
     }
     // The report is also printed when it cannot be saved.
     if arguments.json {
-        print_json(&report.json)?;
+        print_json(&report.json)?
     } else {
-        print(&report.text)?;
+        print(&report.text)?
     }
     let hint = "; choose another --out";
     let directory = create_folders(out).and_then(|_| Directory::open(out));
     let directory = directory.map_err(|error| cannot_write(out, &error, hint))?;
     let json = out.join(REPORT);
     directory.write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, hint))?;
-    let mut written = vec![REPORT];
     for (name, content) in &report.files {
         let path = out.join(name);
         directory.write_whole(&path, None, content).map_err(|error| cannot_write(&path, &error, hint))?;
-        written.push(name);
     }
     if arguments.json {
         return Ok(());
     }
-    print(&format!("\n{}", wrapped(&format!("written to {}: {}", shown(out), written.join(", ")), 2)))
+    print(&format!("\n{}", wrapped(&format!("written to {}: {}", shown(out), names.join(", ")), 2)))
 }
 
 fn write_page(file: &Path, directories: &[PathBuf]) -> Result<(), Failure> {

@@ -43,16 +43,13 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct ListedRun {
     path: String,
     /// `running`: a process trains it; `stopped`: it can be resumed; `failed`: it has diverged, and would again; `ended`; `damaged`.
     state: &'static str,
-    /// Why the run is damaged.
     problem: Option<String>,
-    /// When one of its files was last written.
     written: Option<String>,
-    /// The name of the config that it was started with, if known.
     config: Option<String>,
     /// The keys that differ from the default, but for seed and budget, with their values.
     changed: BTreeMap<&'static str, Value>,
@@ -60,7 +57,6 @@ struct ListedRun {
     env_steps: Option<u64>,
     /// The best evaluation, the latest of equals.
     best: Option<Evaluation>,
-    /// The latest evaluation.
     #[serde(rename = "final")]
     final_: Option<Evaluation>,
 }
@@ -74,10 +70,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let unreadable: Vec<Value> = found.unreadable.iter().map(problem).collect();
         return print_json(&json!({"runs": runs, "unreadable": unreadable}));
     }
-    match runs.is_empty() {
-        true => print(&format!("no runs below {}\n", shown(directory)))?,
-        false => print(&listed(&runs, directory))?,
-    }
+    let none = format!("no runs below {}\n", shown(directory));
+    print(&if runs.is_empty() { none } else { listed(&runs, directory) })?;
     for (path, error) in &found.unreadable {
         note(&format!("{} cannot be searched: {error}", shown(path)));
     }
@@ -92,48 +86,38 @@ impl ListedRun {
         let mut run = Self {
             path: path.to_string_lossy().into_owned(),
             state: "damaged",
-            problem: None,
             written: written_at(path).and_then(iso),
-            config: None,
-            changed: BTreeMap::new(),
-            seed: None,
-            env_steps: None,
-            best: None,
-            final_: None,
+            ..Self::default()
         };
-        let (directory, config) = match RunDir::open(path) {
-            Ok(opened) => opened,
-            Err(error) => {
-                run.problem = Some(error.to_string());
-                return run;
-            }
-        };
+        run.problem = run.read_files(path).err();
+        run
+    }
+
+    /// Reads all but the path and when it was written; the error is why the run is damaged.
+    fn read_files(&mut self, path: &Path) -> Result<(), String> {
+        let (directory, config) = RunDir::open(path).map_err(|error| error.to_string())?;
         let about = directory.read_about();
-        (run.seed, run.changed) = (Some(config.seed), changed_keys(&config));
-        run.config = about.as_ref().map(|about| about.config.clone());
-        let mut has_ended = false;
-        let read = read_events(&directory.metrics(), |event| {
+        (self.seed, self.changed) = (Some(config.seed), changed_keys(&config));
+        self.config = about.as_ref().map(|about| about.config.clone());
+        let (metrics, mut has_ended) = (directory.metrics(), false);
+        let read = read_events(&metrics, |event| {
             has_ended = matches!(event, Event::End { .. });
-            run.take(&event);
+            self.take(&event);
         });
-        if let Err(error) = read {
-            run.problem = Some(format!("{}: {error}", directory.metrics().display()));
-            return run;
-        }
+        read.map_err(|error| format!("{}: {error}", metrics.display()))?;
         let has_checkpoint = directory.last().exists() || directory.previous().exists();
-        run.state = match has_ended {
+        self.state = match has_ended {
             true if has_checkpoint => "ended",
             // Asked only if the run has not ended, because the question takes the lock for a moment.
-            false if is_locked(&directory.metrics()) => "running",
+            false if is_locked(&metrics) => "running",
             _ if !has_checkpoint => {
                 let checkpoints = directory.checkpoints();
-                run.problem = Some(format!("{}: {LAST} and {PREVIOUS} are missing", checkpoints.display()));
-                "damaged"
+                return Err(format!("{}: {LAST} and {PREVIOUS} are missing", checkpoints.display()));
             }
             _ if about.is_some_and(|about| about.failed.is_some()) => "failed",
             _ => "stopped",
         };
-        run
+        Ok(())
     }
 
     fn cells(&self, root: &Path) -> Vec<String> {
@@ -176,14 +160,12 @@ fn is_locked(metrics: &Path) -> bool {
     file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
-/// The keys that differ from the default, but for seed and budget.
 fn changed_keys(config: &Config) -> BTreeMap<&'static str, Value> {
     let is_own = |path: &str| path == "seed" || path.starts_with("budget") || path == "$schema";
     let changed = config.settings().into_iter().filter(|setting| setting.value != setting.default);
     changed.filter(|setting| !is_own(setting.path)).map(|setting| (setting.path, setting.value)).collect()
 }
 
-/// A time of this calendar, to the second.
 fn iso(time: SystemTime) -> Option<String> {
     let mut text = String::new();
     let time = Some(time).filter(|time| *time >= SystemTime::UNIX_EPOCH)?;
@@ -195,8 +177,8 @@ fn iso(time: SystemTime) -> Option<String> {
 fn listed(runs: &[ListedRun], root: &Path) -> String {
     let head =
         ["written (UTC)", "run", "config", "seed", "steps", "best", "final", "state"].map(String::from);
-    let rows: Vec<Vec<String>> =
-        std::iter::once(head.to_vec()).chain(runs.iter().map(|run| run.cells(root))).collect();
+    let mut rows = vec![head.to_vec()];
+    rows.extend(runs.iter().map(|run| run.cells(root)));
     let table = table(&rows);
     let mut text = String::new();
     for (i, line) in table.lines().enumerate() {

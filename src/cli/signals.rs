@@ -27,7 +27,6 @@ const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// How much later than its programs this process may take a signal to all of them.
 const GROUP_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What signals have asked for.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Signals {
     /// Set by the first signal.
@@ -74,27 +73,17 @@ pub(super) fn asked() -> Option<u8> {
     }
 }
 
-/// Ends the process and removes what it has not finished.
 fn end(exit_code: u8) {
     let _no_more = remove_own_unfinished();
     exit(exit_code.into());
 }
 
 impl Signals {
-    /// Has the first signal set [`Self::stop`]; only the second ends the process at once.
-    pub(super) fn listen() -> Self {
+    /// Has the first signal set [`Self::stop`]. The second ends the process at once, but not before a view has closed.
+    pub(super) fn listen(has_view: bool) -> Self {
         let stop = Arc::<AtomicBool>::default();
-        let at_once = Arc::clone(&stop);
-        Self::listen_with(Interrupts { stop, at_once, ..Interrupts::default() })
-    }
-
-    /// As [`Self::listen`], but no signal ends the process before a view has closed.
-    pub(super) fn listen_for_view() -> Self {
-        Self::listen_with(Interrupts::default())
-    }
-
-    fn listen_with(interrupts: Interrupts) -> Self {
-        let stop = Arc::clone(&interrupts.stop);
+        let at_once = if has_view { Arc::default() } else { Arc::clone(&stop) };
+        let interrupts = Interrupts { stop: Arc::clone(&stop), at_once, ..Interrupts::default() };
         LISTENER.get_or_init(|| Self { stop, interrupts, exit_code: Arc::default() }).clone()
     }
 
@@ -126,7 +115,6 @@ impl Signals {
         waiting.map_err(|error| Failure::Failed(format!("cannot wait for --time-limit: {error}")))
     }
 
-    /// The exit code of a process that a signal has stopped.
     pub(super) fn exit_code(&self) -> u8 {
         match self.exit_code.load(Ordering::Relaxed) {
             0 => INTERRUPTED,
@@ -134,7 +122,6 @@ impl Signals {
         }
     }
 
-    /// Ends the process as the second signal does.
     pub(super) fn end_process(&self) -> impl FnOnce() + Send + use<> {
         let signals = self.clone();
         move || end(signals.exit_code())

@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::permission::{AllowCommand, SharedPrograms};
 use super::plan;
@@ -18,13 +18,11 @@ use super::ui::{Failure, cannot_write, check_out, note, on_one_line, print, say}
 use super::variations::{Variations, configs};
 use crate::config::Config;
 use crate::report;
+use crate::sink::{LINE_INTERVAL, progress_bar};
 use crate::study::{
     Cause, Finished, MAX_SEEDS, NamedConfig, Omitted, Shard, Study, StudyDir, StudyError, Trial, Unended,
 };
 use crate::text::{shell_word, shown, visible, wrapped};
-
-/// Shortest time between two plain lines of progress.
-const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
 /// Train every combination of config, variation and seed.
 ///
@@ -114,7 +112,6 @@ impl StudyArguments {
         self.jobs.map_or_else(cpus, |jobs| jobs as usize)
     }
 
-    /// Opens a study, or makes a new one.
     fn open(&self) -> Result<StudyDir, Failure> {
         if let (Some(out), Some(seeds)) = (&self.out, &self.seeds) {
             check_out(out)?;
@@ -124,11 +121,12 @@ impl StudyArguments {
         }
         let mut dir = StudyDir::open(self.path())?;
         let (place, mut programs) = (format!("study {}", shown(self.path())), SharedPrograms::default());
-        for environment in dir.environments_mut() {
-            let permitted = programs.share(environment, |program| self.allow.permit(program, &place, false));
+        for NamedConfig { config, .. } in &mut dir.study.configs {
+            let permit = |program: &mut _| self.allow.permit(program, &place, false);
+            let permitted = programs.share(&mut config.environment, permit);
             permitted.map_err(Failure::BadInput)?;
         }
-        self.check_memory(dir.study())?;
+        self.check_memory(&dir.study)?;
         Ok(dir)
     }
 
@@ -137,15 +135,10 @@ impl StudyArguments {
         let jobs = self.jobs();
         let at_once = jobs.min(study.trials(Shard::ALL).take(jobs).count());
         let checked = study.configs.iter().try_for_each(|named| named.config.check_memory(at_once));
-        checked.or_else(|error| match self.plan {
-            true => Ok(()),
-            false => Err(Failure::BadInput(format!(
-                "{error} (--jobs {jobs} trains so many runs at the same time)"
-            ))),
-        })
+        let problem = |error: String| format!("{error} (--jobs {jobs} trains so many runs at the same time)");
+        if self.plan { Ok(()) } else { checked.map_err(|error| Failure::BadInput(problem(error))) }
     }
 
-    /// The command that shows the result.
     fn report_command(&self) -> String {
         format!("cartpole-dqn report {}", shell_word(&self.path().to_string_lossy()))
     }
@@ -155,8 +148,7 @@ pub(super) fn run(arguments: &StudyArguments) -> Result<(), Failure> {
     match arguments.shard {
         _ if arguments.status => print(&plan::status(&StudyDir::open_to_read(arguments.path())?)?),
         _ if arguments.plan => plan(arguments),
-        None => train_all(arguments),
-        Some(shard) => train_shard(arguments, shard),
+        shard => train_trials(arguments, shard),
     }
 }
 
@@ -165,38 +157,35 @@ fn plan(arguments: &StudyArguments) -> Result<(), Failure> {
     if arguments.quiet {
         return Ok(());
     }
-    start_program(&dir.study().configs[0]);
-    let signals = Signals::listen();
+    start_program(&dir.study.configs[0]);
+    let signals = Signals::listen(false);
     print(&plan::estimate(&dir, arguments.path(), &signals.stop)?)
 }
 
-fn train_all(arguments: &StudyArguments) -> Result<(), Failure> {
+/// Trains a shard or all, and says what came of it: of a shard only counts, as others train the rest.
+fn train_trials(arguments: &StudyArguments, shard: Option<Shard>) -> Result<(), Failure> {
     let dir = arguments.open()?;
-    let counts = train(arguments, &dir, Shard::ALL)?;
+    let counts = train(arguments, &dir, shard.unwrap_or(Shard::ALL))?;
+    let Counts { done, trained, failed, .. } = counts;
+    let path = arguments.path();
     if !arguments.quiet {
-        let (standing, out) = (report::standing(&dir)?, shown(arguments.path()));
-        print(&format!("{standing}\nstudy      {out}\nreport     {}\n", arguments.report_command()))?;
+        print(&match shard {
+            None => {
+                let (standing, command) = (report::standing(&dir)?, arguments.report_command());
+                format!("{standing}\nstudy      {}\nreport     {command}\n", shown(path))
+            }
+            Some(_) => format!(
+                "trials     {done} of this shard, of which this process trained {trained}\nfailed     {failed}\n\
+                 progress   cartpole-dqn study {} --status\n",
+                shell_word(&path.to_string_lossy())
+            ),
+        })?;
     }
     counts.failures(arguments)
 }
 
-fn train_shard(arguments: &StudyArguments, shard: Shard) -> Result<(), Failure> {
-    let dir = arguments.open()?;
-    let counts = train(arguments, &dir, shard)?;
-    if !arguments.quiet {
-        let Counts { done, trained, failed, .. } = counts;
-        print(&format!(
-            "trials     {done} of this shard, of which this process trained {trained}\nfailed     {failed}\n\
-             progress   cartpole-dqn study {} --status\n",
-            shell_word(&arguments.path().to_string_lossy())
-        ))?;
-    }
-    counts.failures(arguments)
-}
-
-/// Trains the trials of a shard that nobody has finished yet.
 fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Counts, Failure> {
-    let study = dir.study();
+    let study = &dir.study;
     let (mut finished, mut counts) = (HashSet::new(), Counts::default());
     let Omitted { notes, .. } = dir.read(|Finished { config, trial }| {
         if study.is_in(shard, (config, trial.seed)) {
@@ -211,7 +200,7 @@ fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Cou
     counts.total = counts.done + pending.len() as u64;
     let configs: BTreeSet<usize> = pending.iter().map(|(config, _)| *config).collect();
     configs.iter().for_each(|&config| start_program(&study.configs[config]));
-    let signals = Signals::listen();
+    let signals = Signals::listen(false);
     arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
     let mut progress = TrialProgress::new(study, counts, arguments.quiet);
     let ended =
@@ -233,7 +222,6 @@ fn start_program(NamedConfig { config, task, .. }: &NamedConfig) {
     drop((config.make())(task.max_steps));
 }
 
-/// Counts of trials.
 #[derive(Default)]
 struct Counts {
     total: u64,
@@ -269,32 +257,26 @@ impl Counts {
         }
     }
 
-    /// What there is left to do, if there is something.
     fn left(&self) -> Option<String> {
         let Self { done, total, kept, lost, disturbed, .. } = self;
-        let mut what = format!("{done} of {total} trials are finished and kept.");
-        if let Some(first) = &self.first_disturbance {
-            what += &format!(" {disturbed} ended without a result, for example {first}.");
-        }
-        if *kept > 0 {
-            what += &format!(" {kept} that had begun are resumed from their checkpoints.");
-        }
-        if *lost > 0 {
-            what += &format!(" {lost} that had begun have no checkpoint and are trained again.");
-        }
-        what += " Resume the study with the same command:";
+        let first = self.first_disturbance.as_deref().unwrap_or_default();
+        let parts = [
+            (1, format!("{done} of {total} trials are finished and kept. ")),
+            (*disturbed, format!("{disturbed} ended without a result, for example {first}. ")),
+            (*kept, format!("{kept} that had begun are resumed from their checkpoints. ")),
+            (*lost, format!("{lost} that had begun have no checkpoint and are trained again. ")),
+            (1, "Resume the study with the same command:".into()),
+        ];
+        let what: String = parts.into_iter().filter(|(count, _)| *count > 0).map(|(_, part)| part).collect();
         let words = std::env::args_os().map(|word| visible(&shell_word(&word.to_string_lossy())));
         let command = words.collect::<Vec<_>>().join(" ");
         (done < total).then(|| format!("{}  {command}", wrapped(&what, 0)))
     }
 
-    /// Fails if a trial has.
     fn failures(&self, arguments: &StudyArguments) -> Result<(), Failure> {
-        let Self { failed, done, first_error, .. } = self;
-        let Some((_, error)) = first_error else { return Ok(()) };
+        let Self { failed, done, first_error: Some((_, error)), .. } = self else { return Ok(()) };
         let report = arguments.report_command();
-        let message = format!("{failed} of {done} trials failed, for example {error}; see: {report}");
-        Err(Failure::Failed(message))
+        Err(Failure::Failed(format!("{failed} of {done} trials failed, for example {error}; see: {report}")))
     }
 }
 
@@ -309,14 +291,10 @@ struct TrialProgress<'a> {
 
 impl<'a> TrialProgress<'a> {
     fn new(study: &'a Study, counts: Counts, quiet: bool) -> Self {
-        let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new(counts.total) };
-        if let Ok(style) = ProgressStyle::with_template("trial {pos}/{len} {wide_bar} eta {eta}\n{wide_msg}")
-        {
-            bar.set_style(style);
-        }
-        // The trials that are done took no time.
-        bar.set_position(counts.done);
-        bar.reset_eta();
+        let bar = match quiet {
+            true => ProgressBar::hidden(),
+            false => progress_bar(counts.total, counts.done, "trial {pos}/{len} {wide_bar} eta {eta}"),
+        };
         Self { study, counts, bar, quiet, last_line: Instant::now() }
     }
 

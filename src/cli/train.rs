@@ -83,7 +83,7 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
     };
     // Before that a signal ends the process at once: it may wait for its standard input or a silent program, and nothing is
     // trained yet.
-    let signals = if arguments.live { Signals::listen_for_view() } else { Signals::listen() };
+    let signals = Signals::listen(arguments.live);
     let Started { dir: run, config, mut trainer, recorder, notes } = match started {
         Resumed::Run(started) => *started,
         Resumed::Ended(ended) => return has_ended(&ended, arguments.json),
@@ -148,7 +148,6 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
     })
 }
 
-/// Says why there is nothing to train, and what would be.
 fn has_ended(ended: &EndedRun, json: bool) -> Result<(), Failure> {
     let how = format!("{}. To train on, type\n  {}", ended.why, extending_command(ended));
     if ended.is_extended {
@@ -160,23 +159,22 @@ fn has_ended(ended: &EndedRun, json: bool) -> Result<(), Failure> {
     if json { print_json(&read_summary(&ended.dir)?) } else { Ok(()) }
 }
 
-/// What a run that has failed leaves, and how it can be resumed.
 fn what_is_kept(run: &RunDir, config: &Config, error: &TrainError) -> String {
     let path = run.path().display();
-    let kept = match () {
-        () if run.last().is_file() => format!("the last good checkpoint is kept in {path}"),
-        () if run.metrics().is_file() => format!("what was written is kept in {path}"),
-        () => {
+    let kept = match run.last().is_file() {
+        true => "the last good checkpoint",
+        false if run.metrics().is_file() => "what was written",
+        false => {
             return format!("the directory {path} is gone or was emptied, and the run with it; train again");
         }
     };
-    match error {
-        TrainError::Diverged { .. } => kept,
-        _ => format!("{kept}; when the problem is solved, resume with: {}", resume_command(run, config)),
-    }
+    let resume = match error {
+        TrainError::Diverged { .. } => String::new(),
+        _ => format!("; when the problem is solved, resume with: {}", resume_command(run, config)),
+    };
+    format!("{kept} is kept in {path}{resume}")
 }
 
-/// Who watches the run.
 fn observers<'a>(
     arguments: &TrainArguments,
     run: &RunDir,
@@ -210,7 +208,6 @@ fn observers<'a>(
     Ok(observers)
 }
 
-/// A new run in its own directory.
 fn start_new(arguments: &TrainArguments) -> Result<Started, Failure> {
     let TrainArguments { layers, force, init_from, .. } = arguments;
     let mut config = layers.resolve()?;
@@ -256,9 +253,8 @@ fn fitting(label: &str, value: &str) -> String {
 }
 
 fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str) -> String {
-    let Summary {
-        env_steps, episodes, updates, seed, wall_seconds, best_evaluation, final_evaluation, ..
-    } = record.summary;
+    let Summary { env_steps, episodes, updates, seed, wall_seconds, .. } = record.summary;
+    let evaluations = [record.summary.best_evaluation, record.summary.final_evaluation];
     let task = trainer.spec();
     let ended = match record.summary.end_reason {
         EndReason::Solved => "the first evaluation that solved the task (stop_when_solved)".into(),
@@ -272,9 +268,8 @@ fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str
         || "no episode has ended".into(),
         |mean| format!("mean return {mean:.1} over the last {} training episodes", episodes.min(100)),
     );
-    let [best, final_] = [best_evaluation, final_evaluation]
-        .map(|evaluation| evaluation.map_or_else(|| "none".into(), |evaluation| evaluated(evaluation, task)));
-    let collapsed = match [best_evaluation, final_evaluation].map(|e| e.map(|e| task.is_solved_by(e.mean))) {
+    let [best, final_] = evaluations.map(|e| e.map_or_else(|| "none".into(), |e| evaluated(e, task)));
+    let collapsed = match evaluations.map(|e| e.map(|e| task.is_solved_by(e.mean))) {
         [Some(true), Some(false)] => {
             "\nIn its evaluation the final policy no longer solves the task. The best policy is kept; use that one.\n"
         }
@@ -316,8 +311,9 @@ fn extending_command(EndedRun { dir, config, sets, can_resume, .. }: &EndedRun) 
     if *can_resume {
         return resume_command(dir, config) + &sets;
     }
-    let config_file = dir.config().to_string_lossy().into_owned();
-    format!("{} train --config {}{}{sets}", program(), shell_word(&config_file), allowance(config))
+    let config_file = dir.config();
+    let config_file = shell_word(&config_file.to_string_lossy());
+    format!("{} train --config {config_file}{}{sets}", program(), allowance(config))
 }
 
 fn resume_command(run: &RunDir, config: &Config) -> String {

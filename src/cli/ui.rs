@@ -13,7 +13,6 @@ use crate::view::NoView;
 /// What stands before the command that would be started. A message with it is printed whole, however long the command is.
 pub(super) const QUESTION: &str = "add --allow-command: ";
 
-/// Why a command ended without success.
 #[derive(Debug)]
 pub(super) enum Failure {
     /// Something the user gave cannot be used: exit code 2.
@@ -83,9 +82,7 @@ impl From<RunError> for Failure {
             RunError::Environment(error) => error.into(),
             RunError::Unwritable { ref source, .. } => Self::unwritten(error.to_string(), source),
             RunError::Failed(message) => Self::Failed(message),
-            RunError::Directory { .. } | RunError::BadInput(_) | RunError::Config(_) => {
-                Self::BadInput(on_one_line(&error))
-            }
+            _ => Self::BadInput(on_one_line(&error)),
         }
     }
 }
@@ -104,7 +101,7 @@ impl From<NoView> for Failure {
         match error {
             NoView::Environment(_) => Self::Disturbed(error.to_string()),
             NoView::Terminal(_) => Self::Failed(error.to_string()),
-            NoView::NoTerminal | NoView::Dumb | NoView::TooSmall(_) => Self::BadInput(error.to_string()),
+            _ => Self::BadInput(error.to_string()),
         }
     }
 }
@@ -124,13 +121,11 @@ pub(super) fn escaped(text: &str) -> String {
     escaped
 }
 
-/// This program, as it was called.
 pub(super) fn program() -> String {
     let program = std::env::args_os().next().unwrap_or_else(|| "cartpole-dqn".into());
     shell_word(&program.to_string_lossy())
 }
 
-/// Parses an integer from `LOW` to `HIGH`.
 pub(super) fn integer<const LOW: u64, const HIGH: u64>(text: &str) -> Result<u64, String> {
     let number = text.parse().ok().filter(|number| (LOW..=HIGH).contains(number));
     number.ok_or_else(|| format!("expected an integer from {LOW} to {HIGH}, in digits alone"))
@@ -145,7 +140,6 @@ pub(super) fn on_one_line(error: &impl std::fmt::Display) -> String {
     error.to_string().replace('\n', "\\n")
 }
 
-/// Says on stderr what the user should know though nothing has failed.
 pub(super) fn note(text: &str) {
     say(&format!("note: {text}"));
 }
@@ -167,13 +161,11 @@ pub(super) fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Prints one JSON value alone on stdout.
 pub(super) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string(value).map_err(|error| Failure::Failed(error.to_string()))?;
     print(&(text + "\n"))
 }
 
-/// A file of the user's choice that cannot be written.
 pub(super) fn cannot_write(path: &Path, error: &io::Error, hint: &str) -> Failure {
     Failure::unwritten(format!("cannot write {}: {error}{hint}", shown(path)), error)
 }

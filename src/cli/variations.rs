@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::layers::{DEFAULT_NAME, config_name, read_config};
 use super::permission::{SharedPrograms, allow};
@@ -30,7 +30,6 @@ pub(super) struct Variations {
     set: Vec<String>,
 }
 
-/// A key and the values that it takes in turn.
 #[derive(Clone, Debug)]
 struct Variation {
     key: String,
@@ -59,25 +58,24 @@ fn variation(text: &str) -> Result<Variation, String> {
     }
 }
 
-/// Every config in every variation, all of them valid.
 pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failure> {
-    let mut sources = Vec::new();
-    for path in &arguments.config {
+    let bad = |problem: String| Err(Failure::BadInput(problem));
+    let read = |path: &PathBuf| {
         let (origin, text) = read_config(path)?;
-        sources.push((config_name(path), visible(&origin), text));
-    }
+        Ok((config_name(path), visible(&origin), text))
+    };
+    let mut sources = arguments.config.iter().map(read).collect::<Result<Vec<_>, Failure>>()?;
     if sources.is_empty() {
         sources.push((DEFAULT_NAME.into(), "the default config".into(), "{}".into()));
     }
     if arguments.set.iter().any(|set| set.starts_with("seed=")) {
-        return Err(Failure::BadInput("--set seed: the seeds of a study are given by --seeds".into()));
+        return bad("--set seed: the seeds of a study are given by --seeds".into());
     }
     for Variation { key, .. } in &arguments.vary {
         let is_below = |set: &str| set.strip_prefix(key).is_some_and(|rest| rest.starts_with(['=', '.']));
         if let Some(set) = arguments.set.iter().find(|set| is_below(set)) {
             let set = visible(set);
-            let problem = format!("--vary {key} overwrites --set {set}; give one of the two");
-            return Err(Failure::BadInput(problem));
+            return bad(format!("--vary {key} overwrites --set {set}; give one of the two"));
         }
     }
     let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
@@ -86,31 +84,24 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
     for (stem, origin, text) in &sources {
         let mut seen = BTreeMap::new();
         for variation in &variations {
-            let name = [std::slice::from_ref(stem), variation].concat().join(" ");
+            let varied = variation.join(" ");
+            let name = if varied.is_empty() { stem.clone() } else { format!("{stem} {varied}") };
             let config = Config::variation(Some((origin, text)), &arguments.set, variation);
             let mut config = config.map_err(|error| match error {
                 // The only one whose reason the variation may be.
                 ConfigError::Key { problem: "misplaced key", .. } | ConfigError::Value { .. }
                     if !variation.is_empty() =>
                 {
-                    Failure::BadInput(format!("variation {}: {error}", variation.join(" ")))
+                    Failure::BadInput(format!("variation {varied}: {error}"))
                 }
                 error => error.into(),
             })?;
             // Two spellings of one value, such as 0.9 and 0.90, would train the same config twice.
-            let parsed =
-                serde_json::to_string(&config).map_err(|error| Failure::Failed(error.to_string()))?;
-            if let Some(other) = seen.insert(parsed, variation) {
-                return Err(Failure::BadInput(format!(
-                    "--vary: {} and {} are the same config; leave one out",
-                    other.join(" "),
-                    variation.join(" ")
-                )));
+            if let Some(other) = seen.insert(json!(config).to_string(), varied.clone()) {
+                return bad(format!("--vary: {other} and {varied} are the same config; leave one out"));
             }
             if configs.iter().any(|other| other.name == name) {
-                return Err(Failure::BadInput(format!(
-                    "--config {origin}: two configs are called {stem:?}; rename a file"
-                )));
+                return bad(format!("--config {origin}: two configs are called {stem:?}; rename a file"));
             }
             programs.share(&mut config.environment, |program| {
                 allow(program, false);

@@ -64,7 +64,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         Failure::unwritten(message, &error)
     })?;
     let (mut trainer, init) = first_step(&run, &config)?;
-    let signals = Signals::listen();
+    let signals = Signals::listen(false);
     let (again, recorder) = start_again(&directory.path().join("run"), &config, init.as_ref())?;
     let mut observers = Fanout::default();
     observers.0.push(Box::new(recorder));
@@ -80,7 +80,6 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     report(&differences, &extent, arguments)
 }
 
-/// Trains the run again, as far as it is to be compared.
 fn train(
     trainer: &mut Trainer,
     observer: &mut dyn Observer,

@@ -34,8 +34,8 @@ pub(super) struct WatchArguments {
 pub(super) fn run(arguments: &WatchArguments) -> Result<(), Failure> {
     let found = arguments.place.find(false)?;
     let policy = found.policy()?.greedy(1);
-    let signals = Signals::listen_for_view();
-    let environment = found.make_environment(arguments.allow, true)?;
+    let signals = Signals::listen(true);
+    let environment = found.make(arguments.allow, true)?;
     view::watch(policy, environment, &shown(&found.place), arguments.seed, &signals.stop)?;
     if signals.stop.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped".into(), signals.exit_code()));

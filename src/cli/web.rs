@@ -22,7 +22,6 @@ pub(super) struct WebArguments {
 
 /// The page that `web/build.sh` has built.
 const PAGE: &[u8] = include_bytes!(env!("CARTPOLE_DQN_WEB_PAGE"));
-/// How the page's own title begins.
 const TITLE: &[u8] = b"<title>A deep Q-network learns";
 
 pub(super) fn run(arguments: &WebArguments) -> Result<(), Failure> {

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
 
 use super::Placed;
+use crate::env::Image;
 use crate::env::scene::{Bounds, Scene};
 
 const WIDTH: u16 = Scene::WIDTH;
@@ -12,10 +13,14 @@ const HEIGHT: u16 = Scene::HEIGHT;
 const WHITE: [u8; 3] = [255; 3];
 /// Most colors of a picture, with white: the palette holds the mixtures of every two.
 const MAX_COLORS: usize = 6;
-/// Samples of a pixel along each side.
 const SAMPLES: u16 = 4;
 /// All samples of a pixel; a pixel is a mixture of two colors in as many parts.
 const PARTS: u16 = SAMPLES * SAMPLES;
+
+/// The bytes of a film after its size: a global palette of two black entries, because each picture has a palette of its own.
+const FILM_START: [u8; 9] = [0x80, 0, 0, 0, 0, 0, 0, 0, 0];
+/// How carefully the colors of a picture with more than 256 of them are chosen, from 1 (slow) to 30.
+const SPEED: i32 = 10;
 
 /// A rectangle of pixels; `right` and `bottom` are outside of it.
 #[derive(Clone, Copy)]
@@ -36,8 +41,7 @@ pub(crate) fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f6
     let mut before = None;
     for (index, scene) in scenes.iter().enumerate() {
         let changed = draw(scene, &palette, changed_area(before, scene), &mut shown);
-        let last = index + 1 == scenes.len();
-        let delay = if last { 100 } else { delay };
+        let delay = if index + 1 == scenes.len() { 100 } else { delay };
         encoder.write_frame(&Frame { delay, ..changed }).map_err(io_error)?;
         before = Some(scene);
     }
@@ -45,7 +49,7 @@ pub(crate) fn write_gif(out: impl Write, scenes: &[Scene], frames_per_second: f6
 }
 
 /// How long a frame lasts, in hundredths of a second, a whole number. Browsers slow frames of one hundredth down.
-pub(super) fn delay(frames_per_second: f64) -> u16 {
+fn delay(frames_per_second: f64) -> u16 {
     (100.0 / frames_per_second).round().clamp(2.0, 100.0) as u16
 }
 
@@ -55,7 +59,7 @@ pub(crate) fn is_gif(start: &[u8]) -> bool {
     start.strip_prefix(b"GIF89a").is_some_and(|rest| rest.starts_with(&size))
 }
 
-pub(super) fn io_error(error: EncodingError) -> io::Error {
+fn io_error(error: EncodingError) -> io::Error {
     match error {
         EncodingError::Io(error) => error,
         other => io::Error::other(other),
@@ -64,7 +68,6 @@ pub(super) fn io_error(error: EncodingError) -> io::Error {
 
 /// All that a pixel can be: a color, a mixture of two in sixteenths, or unchanged.
 struct Palette {
-    /// White, then the shapes' colors.
     colors: Vec<[u8; 3]>,
 }
 
@@ -90,7 +93,6 @@ impl Palette {
         (count + count * (count - 1) / 2 * usize::from(PARTS - 1)) as u8
     }
 
-    /// Red, green and blue of every index.
     fn entries(&self) -> Vec<u8> {
         let mut entries: Vec<u8> = self.colors.concat();
         // The pairs (second, first), the first being the smaller: (1, 0), (2, 0), (2, 1), ….
@@ -130,23 +132,17 @@ impl Area {
 
     /// The pixels of an area of the picture, as far as they are in the picture.
     fn of(Bounds { left, right, bottom, top }: Bounds) -> Self {
-        let within = |value: f64, end: u16| value.clamp(0.0, f64::from(end)) as u16;
-        let height = f64::from(HEIGHT);
-        Self {
-            left: within(left.floor(), WIDTH),
-            top: within((height - top).floor(), HEIGHT),
-            right: within(right.ceil(), WIDTH),
-            bottom: within((height - bottom).ceil(), HEIGHT),
-        }
+        let (width, height) = (f64::from(WIDTH), f64::from(HEIGHT));
+        let [left, right] = [left.floor(), right.ceil()].map(|x| x.clamp(0.0, width) as u16);
+        let [top, bottom] =
+            [(height - top).floor(), (height - bottom).ceil()].map(|y| y.clamp(0.0, height) as u16);
+        Self { left, top, right, bottom }
     }
 
     fn union(self, other: Self) -> Self {
-        Self {
-            left: self.left.min(other.left),
-            top: self.top.min(other.top),
-            right: self.right.max(other.right),
-            bottom: self.bottom.max(other.bottom),
-        }
+        let (left, top) = (self.left.min(other.left), self.top.min(other.top));
+        let (right, bottom) = (self.right.max(other.right), self.bottom.max(other.bottom));
+        Self { left, top, right, bottom }
     }
 }
 
@@ -182,16 +178,9 @@ fn draw(scene: &Scene, palette: &Palette, area: Area, shown: &mut [u8]) -> Frame
     let Area { left, top, right, bottom } = changed;
     let rows = pixels.chunks_exact(usize::from(WIDTH)).take(usize::from(bottom)).skip(usize::from(top));
     let buffer: Vec<u8> = rows.flat_map(|row| &row[usize::from(left)..usize::from(right)]).copied().collect();
-    Frame {
-        left,
-        top,
-        width: right - left,
-        height: bottom - top,
-        buffer: buffer.into(),
-        transparent: Some(unchanged),
-        dispose: DisposalMethod::Keep,
-        ..Frame::default()
-    }
+    let (width, height, buffer, transparent) = (right - left, bottom - top, buffer.into(), Some(unchanged));
+    let dispose = DisposalMethod::Keep;
+    Frame { left, top, width, height, buffer, transparent, dispose, ..Frame::default() }
 }
 
 /// The number of samples of each color in the pixel with the upper left corner (x, y).
@@ -204,6 +193,40 @@ fn counts(x: u16, y: u16, shapes: &[(Placed<'_>, usize)]) -> [u16; MAX_COLORS] {
         counts[seen.map_or(0, |&(_, color)| color)] += 1;
     }
     counts
+}
+
+/// A GIF of pictures that are pixels already.
+pub(crate) struct Film<W: Write> {
+    encoder: Encoder<W>,
+    size: (u16, u16),
+    delay: u16,
+}
+
+impl<W: Write> Film<W> {
+    /// A film of pictures with the size of this one.
+    pub fn new(out: W, first: &Image, frames_per_second: f64) -> io::Result<Self> {
+        let mut encoder = Encoder::new(out, first.width, first.height, &[]).map_err(io_error)?;
+        encoder.set_repeat(Repeat::Infinite).map_err(io_error)?;
+        Ok(Self { encoder, size: (first.width, first.height), delay: delay(frames_per_second) })
+    }
+
+    /// Adds a picture. The last one stays for a second.
+    pub(crate) fn add(&mut self, image: &Image, is_last: bool) -> io::Result<()> {
+        let (width, height) = self.size;
+        if (image.width, image.height) != self.size {
+            let Image { width: w, height: h, .. } = image;
+            return Err(io::Error::other(format!(
+                "the first picture has {width} × {height} pixels and a later one {w} × {h}"
+            )));
+        }
+        let mut frame = Frame::from_rgb_speed(width, height, &image.rgb, SPEED);
+        frame.delay = if is_last { 100 } else { self.delay };
+        self.encoder.write_frame(&frame).map_err(io_error)
+    }
+}
+
+pub(crate) fn is_film(start: &[u8]) -> bool {
+    start.starts_with(b"GIF89a") && start.get(10..19) == Some(&FILM_START)
 }
 
 #[cfg(test)]

@@ -5,19 +5,16 @@
 
 #[cfg(feature = "view")]
 mod braille;
-mod film;
 mod gif;
 mod svg;
 
 #[cfg(feature = "view")]
 pub(crate) use braille::draw as draw_braille;
-pub(crate) use film::{Film, is_film};
-pub(crate) use gif::{is_gif, write_gif};
+pub(crate) use gif::{Film, is_film, is_gif, write_gif};
 pub(crate) use svg::{is_svg, svg};
 
 use crate::env::scene::{Bounds, Outline, Scene, Shape};
 
-/// A shape that can say which points it covers.
 struct Placed<'a> {
     shape: &'a Shape,
     sin: f64,
@@ -29,34 +26,25 @@ impl<'a> Placed<'a> {
     fn new(shape: &'a Shape) -> Self {
         let (sin, cos) = (libm::sin(shape.angle), libm::cos(shape.angle));
         let bounds = Bounds { left: 0.0, right: 0.0, bottom: 0.0, top: 0.0 };
-        let mut placed = Self { shape, sin, cos, bounds };
-        placed.bounds = placed.own_bounds();
-        placed
-    }
-
-    fn own_bounds(&self) -> Bounds {
-        let (points, margin) = match &self.shape.outline {
+        let placed = Self { shape, sin, cos, bounds };
+        let (points, margin) = match &shape.outline {
             Outline::Polygon(points) => (&points[..], 0.0),
             Outline::Circle(radius) => (&[(0.0, 0.0)][..], *radius),
             Outline::Line(points) => (&points[..], 0.5),
         };
-        let points: Vec<_> = points.iter().map(|&point| self.in_picture(point)).collect();
-        let smallest = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::INFINITY, f64::min) - margin;
-        Bounds {
-            left: smallest(&mut points.iter().map(|point| point.0)),
-            right: -smallest(&mut points.iter().map(|point| -point.0)),
-            bottom: smallest(&mut points.iter().map(|point| point.1)),
-            top: -smallest(&mut points.iter().map(|point| -point.1)),
-        }
+        let points: Vec<_> = points.iter().map(|&point| placed.in_picture(point)).collect();
+        let smallest =
+            |value: fn(&(f64, f64)) -> f64| points.iter().map(value).fold(f64::INFINITY, f64::min) - margin;
+        let (left, right) = (smallest(|point| point.0), -smallest(|point| -point.0));
+        let (bottom, top) = (smallest(|point| point.1), -smallest(|point| -point.1));
+        Self { bounds: Bounds { left, right, bottom, top }, ..placed }
     }
 
-    /// Where a point of the outline is in the picture.
     fn in_picture(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let at = self.shape.at;
         (at.0 + x * self.cos - y * self.sin, at.1 + x * self.sin + y * self.cos)
     }
 
-    /// Whether the shape covers a point of the picture.
     fn contains(&self, (x, y): (f64, f64)) -> bool {
         let Bounds { left, right, bottom, top } = self.bounds;
         if x < left || x > right || y < bottom || y > top {
@@ -84,38 +72,30 @@ fn is_inside((x, y): (f64, f64), corners: &[(f64, f64)]) -> bool {
 /// Whether a point lies on the line between `a` and `b`. Most points do not even lie in its bounding box.
 fn is_on_line(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
     let is_beside = |at: f64, a: f64, b: f64| at < a.min(b) - 0.5 || at > a.max(b) + 0.5;
-    !is_beside(point.0, a.0, b.0) && !is_beside(point.1, a.1, b.1) && distance(point, a, b) < 0.5
-}
-
-/// The distance of a point from the line between `a` and `b`.
-fn distance(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
+    if is_beside(point.0, a.0, b.0) || is_beside(point.1, a.1, b.1) {
+        return false;
+    }
     let (across, along) = ((point.0 - a.0, point.1 - a.1), (b.0 - a.0, b.1 - a.1));
     let length = along.0 * along.0 + along.1 * along.1;
     let dot = across.0 * along.0 + across.1 * along.1;
     let share = if length > 0.0 { (dot / length).clamp(0.0, 1.0) } else { 0.0 };
-    libm::hypot(across.0 - share * along.0, across.1 - share * along.1)
+    libm::hypot(across.0 - share * along.0, across.1 - share * along.1) < 0.5
 }
 
 /// One shape throughout an episode.
 pub(crate) struct Motion<'a> {
-    /// In the first scene.
     pub(crate) shape: &'a Shape,
-    /// In every scene.
     pub(crate) at: Vec<(f64, f64)>,
     /// In every scene, in rad.
     pub(crate) angle: Vec<f64>,
 }
 
-/// The motion of every shape of an episode.
 pub(crate) fn motions(scenes: &[Scene]) -> Vec<Motion<'_>> {
     let shapes = scenes.first().map_or(&[][..], |scene| &scene.shapes);
     let motion = |(i, shape): (usize, _)| {
-        let placed = || scenes.iter().filter_map(move |scene: &Scene| scene.shapes.get(i));
-        Motion {
-            shape,
-            at: placed().map(|shape| shape.at).collect(),
-            angle: placed().map(|shape| shape.angle).collect(),
-        }
+        let placed = scenes.iter().filter_map(|scene| scene.shapes.get(i));
+        let (at, angle) = placed.map(|shape| (shape.at, shape.angle)).unzip();
+        Motion { shape, at, angle }
     };
     shapes.iter().enumerate().map(motion).collect()
 }

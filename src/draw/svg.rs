@@ -1,7 +1,5 @@
 //! SVG, animated by SMIL: every browser plays it, as an image too, and it stays sharp.
 
-use std::fmt::Write;
-
 use super::{Motion, motions};
 use crate::env::scene::{Outline, Scene, Shape};
 
@@ -16,14 +14,11 @@ fn start() -> String {
     )
 }
 
-/// Whether a file with this beginning may be one of [`svg`].
 pub(crate) fn is_svg(start: &[u8]) -> bool {
     start.starts_with(self::start().as_bytes())
 }
 
-/// The episode of these scenes, at least one, as an SVG file. The last scene stays for a second.
-///
-/// `title` is plain text without markup.
+/// The episode of these scenes, at least one, as an SVG file with a title without markup. The last scene stays for a second.
 pub(crate) fn svg(scenes: &[Scene], frames_per_second: f64, title: &str) -> String {
     let held = frames_per_second.round().max(1.0);
     let animation =
@@ -48,7 +43,6 @@ fn moved(at: &[(f64, f64)], animation: &Animation, elements: &str) -> String {
     animation.wrapped("translate", &[place], &animation.wrapped("translate", &differences, elements))
 }
 
-/// The shapes of a group around the group's place.
 fn shapes(group: &[Motion<'_>], animation: &Animation) -> String {
     let turned = |motion: &Motion<'_>| {
         // Angles of SVG are clockwise.
@@ -75,12 +69,10 @@ impl Animation {
         if values.iter().any(|value| value != first) {
             let held = values.last().into_iter().cycle().take(self.held);
             let values: Vec<&str> = values.iter().chain(held).map(String::as_str).collect();
-            // Writing to a string cannot fail.
-            let _ = writeln!(
-                text,
-                r#"<animateTransform attributeName="transform" type="{kind}" dur="{:.2}s" repeatCount="indefinite" values="{}"/>"#,
-                self.seconds,
-                values.join(";")
+            let (seconds, values) = (self.seconds, values.join(";"));
+            text += &format!(
+                "<animateTransform attributeName=\"transform\" type=\"{kind}\" dur=\"{seconds:.2}s\" \
+                 repeatCount=\"indefinite\" values=\"{values}\"/>\n"
             );
         }
         text + elements + "</g>\n"
@@ -103,7 +95,6 @@ fn element(shape: &Shape) -> String {
     }
 }
 
-/// A number with at most two decimals.
 fn short(value: f64) -> String {
     // Adding 0 to -0 gives 0.
     ((value * 100.0).round() / 100.0 + 0.0).to_string()

@@ -17,7 +17,6 @@ pub(super) struct Comparison {
     pub(super) probability_of_improvement: Estimate,
     pub(super) iqm_difference: Estimate,
     verdict: ComparisonVerdict,
-    /// The verdict in words.
     pub(super) statement: String,
 }
 
@@ -25,17 +24,13 @@ pub(super) struct Comparison {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum ComparisonVerdict {
-    /// The config is better than the first.
     Better,
-    /// The first is better.
     Worse,
     /// Each interval holds the value of two equal configs.
     NoDifferenceShown,
     /// One number says better, and the other worse.
     Mixed,
-    /// There are no intervals.
     TooFewSeeds,
-    /// The configs play different tasks.
     OtherTask,
 }
 
@@ -45,7 +40,6 @@ fn side(estimate: &Estimate, equal: f64) -> Option<i8> {
     Some(i8::from(low > equal) - i8::from(high < equal))
 }
 
-/// What a comparison needs of a config.
 #[derive(Clone, Copy)]
 pub(super) struct Scored<'a> {
     pub(super) name: &'a str,
@@ -55,7 +49,6 @@ pub(super) struct Scored<'a> {
 }
 
 impl Comparison {
-    /// A config against another.
     pub(super) fn new(config: Scored<'_>, against: Scored<'_>) -> Self {
         let (x, y) = (config.finals, against.finals);
         let probability = Estimate::of_two(x, y, statistics::probability_of_improvement);
@@ -84,17 +77,13 @@ impl Comparison {
     /// The sentence: the verdict, and the two intervals that it follows from.
     fn said(&self, seeds: usize) -> String {
         let [config, against] = &self.labels;
-        let places = |estimate: &Estimate, equal: f64| {
-            if side(estimate, equal) == Some(0) { "contains" } else { "excludes" }
+        let interval = |estimate: &Estimate, digits: usize, equal: f64| {
+            let place = if side(estimate, equal) == Some(0) { "contains" } else { "excludes" };
+            format!("{} {place} {equal}", shown(estimate, digits))
         };
-        let (probability, difference) = (&self.probability_of_improvement, &self.iqm_difference);
-        let intervals = format!(
-            "P(better) {} {} 0.5, the difference of the IQMs {} {} 0",
-            shown(probability, 3),
-            places(probability, 0.5),
-            shown(difference, 1),
-            places(difference, 0.0)
-        );
+        let probability = interval(&self.probability_of_improvement, 3, 0.5);
+        let difference = interval(&self.iqm_difference, 1, 0.0);
+        let intervals = format!("P(better) {probability}, the difference of the IQMs {difference}");
         match self.verdict {
             ComparisonVerdict::Better => format!("{config} is better than {against}: {intervals}"),
             ComparisonVerdict::Worse => format!("{against} is better than {config}: {intervals}"),
@@ -116,16 +105,13 @@ impl Comparison {
 
 /// The statements of comparisons; those with too few seeds share one.
 pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
-    let (few, mut said): (Vec<_>, Vec<_>) =
-        comparisons.iter().partition(|comparison| comparison.verdict == ComparisonVerdict::TooFewSeeds);
-    said.extend(few.first());
-    let mut said: Vec<String> = said.into_iter().map(|comparison| comparison.statement.clone()).collect();
-    if let (Some(last), [_, others @ ..]) = (said.last_mut(), &few[..])
-        && !others.is_empty()
-    {
-        *last += &format!(". So it is with {} more", others.len());
-    }
-    said
+    let has_few = |comparison: &&Comparison| comparison.verdict == ComparisonVerdict::TooFewSeeds;
+    let said = |comparison: &Comparison| comparison.statement.clone();
+    let mut few = comparisons.iter().filter(has_few).map(said);
+    let (first, others) = (few.next(), few.count());
+    let more = if others > 0 { format!(". So it is with {others} more") } else { String::new() };
+    let enough = comparisons.iter().filter(|comparison| !has_few(comparison)).map(said);
+    enough.chain(first.map(|first| first + &more)).collect()
 }
 
 /// How many runs a key ended before their budget was used up, and what that does to the numbers; none if no run ended so.

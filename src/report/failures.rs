@@ -3,38 +3,33 @@
 use serde::Serialize;
 
 use super::outcome::{Group, TrialOutcome};
-use crate::study::{LastTry, Study};
 use crate::text::visible;
 
-/// Most reasons that are printed.
 const MAX_REASONS: usize = 5;
 
-/// Trials that failed for the same reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Failures {
     trials: usize,
-    /// That of the first, with its numbers.
     reason: String,
     config: String,
     seed: u64,
 }
 
-/// Why trials diverged, see [`reasons`].
 pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
     reasons(groups.iter().flat_map(|Group { name, outcomes, .. }| {
-        let reason = |outcome: &TrialOutcome| Some((outcome.seed, outcome.error.as_deref()?.to_owned()));
-        outcomes.iter().filter_map(reason).map(|(seed, error)| (name.clone(), seed, error))
+        outcomes.iter().filter_map(|TrialOutcome { seed, error, .. }| {
+            Some((name.clone(), *seed, error.as_deref()?.to_owned()))
+        })
     }))
 }
 
-/// Why the last tries of missing trials ended, see [`reasons`].
-pub(super) fn last_tries(study: &Study, last_tries: Vec<LastTry>) -> Vec<Failures> {
-    let name = |config: usize| study.configs[config].name.clone();
-    reasons(last_tries.into_iter().map(|LastTry { config, seed, reason }| (name(config), seed, reason)))
+/// The heading of missing trials.
+pub(super) fn of_last_tries(begun: usize) -> String {
+    format!("Why the last tries of {begun} missing trials ended without a result; the next ones resume them:")
 }
 
-/// The reasons of trials by config and seed, the most frequent first. Reasons that differ in their numbers alone are one.
-fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures> {
+/// The reasons of trials, given as (config, seed, reason), the most frequent first. Reasons that differ in their numbers alone are one.
+pub(super) fn reasons(trials: impl IntoIterator<Item = (String, u64, String)>) -> Vec<Failures> {
     let mut kinds: Vec<(String, Failures)> = Vec::new();
     for (config, seed, reason) in trials {
         let kind = reason.replace(|c: char| c.is_ascii_digit(), "");
@@ -48,30 +43,11 @@ fn reasons(trials: impl Iterator<Item = (String, u64, String)>) -> Vec<Failures>
     failures
 }
 
-/// How the last tries of missing trials ended, a line for each reason; nothing if there was none.
-pub(super) fn last_try_lines(last_tries: &[Failures], label: &dyn Fn(&str) -> String) -> Vec<String> {
-    lines(last_tries, label, |begun| {
-        format!(
-            "Why the last tries of {begun} missing trials ended without a result; the next ones resume them:"
-        )
-    })
-}
-
-/// A sentence on how many of the trials failed, and one on each reason; nothing if none did.
-pub(super) fn failure_lines(
+/// The heading for so many trials, and a line for each reason; nothing if there is none.
+pub(super) fn reason_lines(
     failures: &[Failures],
-    trials: usize,
-    label: &dyn Fn(&str) -> String,
-) -> Vec<String> {
-    lines(failures, label, |failed| {
-        format!("{failed} of {trials} trials failed and count with the lowest return of the task:")
-    })
-}
-
-fn lines(
-    failures: &[Failures],
-    label: &dyn Fn(&str) -> String,
     heading: impl Fn(usize) -> String,
+    label: impl Fn(&str) -> String,
 ) -> Vec<String> {
     let count: usize = failures.iter().map(|failures| failures.trials).sum();
     let line = |Failures { trials, reason, config, seed }: &Failures| {

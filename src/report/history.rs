@@ -20,7 +20,6 @@ pub(crate) fn stopped_by(reason: EndReason) -> Option<&'static str> {
     }
 }
 
-/// What a run kept of a solution.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Retention {
     /// Evaluations after the first that solved.

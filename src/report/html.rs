@@ -1,7 +1,7 @@
 //! A report as one HTML file that needs nothing else: no network, no other file.
 
 use std::collections::BTreeSet;
-use std::fmt::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -29,10 +29,6 @@ pub(crate) fn is_page(start: &[u8]) -> bool {
     start.starts_with(own.as_bytes())
 }
 
-/// The page of a study's directory, or of one or several runs' directories.
-///
-/// # Errors
-/// When a directory is neither, nothing has been finished in it, a file in it is damaged, or a study is not alone.
 pub(crate) fn page(directories: &[PathBuf]) -> Result<String, ReportError> {
     let kinds = directories.iter().map(|directory| is_study(directory)).collect::<Result<Vec<_>, _>>()?;
     match (kinds.iter().position(|is_study| *is_study), directories) {
@@ -57,26 +53,20 @@ fn runs_page(directories: &[PathBuf]) -> Result<String, ReportError> {
         runs => format!("{} runs", runs.len()),
     };
     let mut sections = results(&runs);
-    let lines = if runs.len() > 1 {
-        " In the learning curve the bold line is the mean return of an evaluation, the faint one that of the last 100 \
-         training episodes."
-    } else {
-        ""
-    };
-    let note = format!("All panels are over the environment steps of training.{lines}");
-    sections += &section("Learning", &format!("<p class=\"note\">{note}</p>\n{}", learning(&runs)));
-    let (shown, hidden): (Vec<_>, Vec<_>) = directories
-        .iter()
-        .zip(&runs)
-        .zip(&portraits)
-        .partition(|(_, portrait)| !portrait["portrait"].is_null());
-    if !shown.is_empty() {
-        sections += POLICY;
+    let mut note = String::from("All panels are over the environment steps of training.");
+    if runs.len() > 1 {
+        note += " In the learning curve the bold line is the mean return of an evaluation, the faint one that of the last \
+                 100 training episodes.";
     }
-    if !hidden.is_empty() {
-        let title = if shown.is_empty() { "The policy" } else { "Policies that are not played" };
-        let unplayed = hidden.iter().map(|((directory, run), _)| unplayed(directory, run));
-        sections += &section(title, &unplayed.collect::<String>());
+    sections += &section("Learning", &format!("<p class=\"note\">{note}</p>\n{}", learning(&runs)));
+    let is_hidden = |portrait: &Value| portrait["portrait"].is_null();
+    let hidden = directories.iter().zip(&runs).zip(&portraits).filter(|(_, portrait)| is_hidden(portrait));
+    let unplayed: String = hidden.map(|((directory, run), _)| unplayed(directory, run)).collect();
+    let are_all_hidden = portraits.iter().all(is_hidden);
+    sections += if are_all_hidden { "" } else { POLICY };
+    if !unplayed.is_empty() {
+        let title = if are_all_hidden { "The policy" } else { "Policies that are not played" };
+        sections += &section(title, &unplayed);
     }
     let configs: Vec<(&str, &Value)> = runs.iter().map(|run| (run.name.as_str(), &run.config)).collect();
     sections += &section("Config", &config_tables(&configs));
@@ -87,12 +77,8 @@ fn runs_page(directories: &[PathBuf]) -> Result<String, ReportError> {
     for (directory, (name, config)) in directories.iter().zip(&configs) {
         let hash = parse::<Value>(&directory.join(SUMMARY)).ok();
         if let Some(hash) = hash.as_ref().and_then(|summary| summary["weights_sha256"].as_str()) {
-            let _ = writeln!(
-                how,
-                "<p>{} ended with weights sha256 <code>{}</code>.</p>",
-                escaped(name),
-                escaped(hash)
-            );
+            let (name, hash) = (escaped(name), escaped(hash));
+            how += &format!("<p>{name} ended with weights sha256 <code>{hash}</code>.</p>\n");
         }
         how += &config_file(&format!("{CONFIG} of {name}"), config);
     }
@@ -105,26 +91,24 @@ fn study_page(directory: &Path) -> Result<String, ReportError> {
     let ReadStudy { configs, report, notes, .. } = ReadStudy::read(directory)?;
     let mut result = list(&text::conclusions(&report));
     for Table { title, rows } in text::tables(&report) {
-        let _ = writeln!(result, "<p>{}</p>", escaped(&title));
-        result += &table(&rows, 2);
+        result += &format!("<p>{}</p>\n{}", escaped(&title), table(&rows, 2));
     }
     let shortened = text::names(&report).filter(|(label, name)| label != name);
     let full: String =
         shortened.map(|(label, name)| format!("<li>{}: {}</li>\n", escaped(label), escaped(name))).collect();
     if !full.is_empty() {
-        let _ = writeln!(result, "<p>Names in full:</p>\n<ul>\n{full}</ul>");
+        result += &format!("<p>Names in full:</p>\n<ul>\n{full}</ul>\n");
     }
     for remark in text::remarks(&report).into_iter().chain(notes) {
-        let _ = writeln!(result, "<p class=\"note\">{}</p>", escaped(&remark));
+        result += &format!("<p class=\"note\">{}</p>\n", escaped(&remark));
     }
     let mut sections = section("Result", &result);
     let drawn = plots::STUDY.iter().map(|(_, draw)| figure(|shape| draw(&report, shape)));
     sections += &section("Plots", &drawn.collect::<String>());
     let values: Vec<Value> = configs.iter().map(|named| json!(named.config)).collect();
-    let configs: Vec<(&str, &Value)> =
-        configs.iter().zip(&values).map(|(named, config)| (named.name.as_str(), config)).collect();
+    let configs: Vec<(&str, &Value)> = configs.iter().map(|named| named.name.as_str()).zip(&values).collect();
     sections += &section("Configs", &config_tables(&configs));
-    let (start, end) = (report.seeds.start, report.seeds.end);
+    let Range { start, end } = report.seeds;
     let files: String = (0..configs.len()).map(|i| format!(" --config {i}.json")).collect();
     let mut how = format!(
         "<p>The same configs and seeds give the same trials, bit for bit. Save the configs, in their order, as \
@@ -135,9 +119,8 @@ fn study_page(directory: &Path) -> Result<String, ReportError> {
         how += &config_file(&format!("{i}.json: {name}"), config);
     }
     sections += &section("How to reproduce it", &how);
-    let name = directory.canonicalize().ok();
-    let name = name.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
-    let title = format!("Study {}", name.unwrap_or_default());
+    let path = directory.canonicalize().unwrap_or_default();
+    let title = format!("Study {}", path.file_name().unwrap_or_default().to_string_lossy());
     let subtitle = format!("{} configs, seeds {start} to {}", configs.len(), end.saturating_sub(1));
     Ok(assembled(&title, &subtitle, &sections, &json!({"runs": []})))
 }
@@ -154,10 +137,8 @@ fn unplayed(directory: &Path, run: &Run) -> String {
         vec![["evaluation", "step", "mean return", "smallest", "largest"].map(String::from).to_vec()];
     for (which, Evaluation { env_steps, mean }) in [("best", run.report.best), ("final", run.report.final_)] {
         let extremes = run.history.extremes.iter().find(|(step, ..)| *step == env_steps as f64);
-        let [smallest, largest] = extremes.map_or_else(
-            || ["–", "–"].map(String::from),
-            |(_, low, high)| [low, high].map(|value| format!("{value:.1}")),
-        );
+        let shown = |value: Option<f64>| value.map_or_else(|| "–".into(), |value| format!("{value:.1}"));
+        let [smallest, largest] = [extremes.map(|e| e.1), extremes.map(|e| e.2)].map(shown);
         rows.push(vec![which.into(), env_steps.to_string(), format!("{mean:.1}"), smallest, largest]);
     }
     format!(
@@ -176,17 +157,13 @@ fn results(runs: &[Run]) -> String {
         (None, None) => "no threshold".into(),
     };
     if let [run] = runs {
-        let card = |what: &str, value: String| format!("<div>{what}<b>{value}</b></div>\n");
-        let cards = [
-            card("solved at step", solved(run)),
-            card("best evaluation", format!("{:.1}", run.report.best.mean)),
-            card("final evaluation", format!("{:.1}", run.report.final_.mean)),
-            card("seed", run.report.seed.to_string()),
-        ];
-        return section(
-            "Result",
-            &format!("<div class=\"cards\">{}</div>\n{}", cards.concat(), list(&run.report.statements)),
+        let (best, last, seed) = (run.report.best.mean, run.report.final_.mean, run.report.seed);
+        let cards = format!(
+            "<div class=\"cards\"><div>solved at step<b>{}</b></div>\n<div>best evaluation<b>{best:.1}</b></div>\n\
+             <div>final evaluation<b>{last:.1}</b></div>\n<div>seed<b>{seed}</b></div>\n</div>\n",
+            solved(run)
         );
+        return section("Result", &(cards + &list(&run.report.statements)));
     }
     let head = ["run", "seed", "solved at step", "best evaluation", "final evaluation"];
     let mut rows = vec![head.map(String::from).to_vec()];
@@ -195,12 +172,8 @@ fn results(runs: &[Run]) -> String {
         let report = &run.report;
         let [best, last] = [report.best, report.final_].map(|evaluation| format!("{:.1}", evaluation.mean));
         rows.push(vec![run.name.clone(), report.seed.to_string(), solved(run), best, last]);
-        let _ = writeln!(
-            said,
-            "<details>\n<summary>What happened in {}</summary>\n{}</details>",
-            escaped(&run.name),
-            list(&report.statements)
-        );
+        let (name, said_of_it) = (escaped(&run.name), list(&report.statements));
+        said += &format!("<details>\n<summary>What happened in {name}</summary>\n{said_of_it}</details>\n");
     }
     section("Result", &(table(&rows, 1) + &said))
 }
@@ -224,8 +197,8 @@ fn table(rows: &[Vec<String>], names: usize) -> String {
             let class = if j < names { "" } else { " class=\"number\"" };
             // A narrow page shows every cell with its heading, one below the other.
             let heading = rows[0].get(j).map_or("", String::as_str);
-            let _ =
-                write!(html, "<{tag}{class} data-heading=\"{}\">{}</{tag}>", escaped(heading), escaped(cell));
+            let (heading, cell) = (escaped(heading), escaped(cell));
+            html += &format!("<{tag}{class} data-heading=\"{heading}\">{cell}</{tag}>");
         }
         html += "</tr>\n";
     }
@@ -243,37 +216,32 @@ fn settings(config: &Value) -> Vec<[String; 4]> {
             None => rows.push([path.into(), value.to_string(), String::new(), String::new()]),
         }
     }
-    if let Ok(config) = serde_json::from_value::<Config>(config.clone()) {
-        let row = |Setting { path, value, default, meaning, .. }: Setting| {
-            [path.into(), value.to_string(), default.to_string(), meaning.replace('`', "")]
-        };
-        return config.settings().into_iter().map(row).collect();
-    }
-    let mut rows = Vec::new();
-    flatten("", config, &mut rows);
-    rows
+    let Ok(known) = serde_json::from_value::<Config>(config.clone()) else {
+        let mut rows = Vec::new();
+        flatten("", config, &mut rows);
+        return rows;
+    };
+    let row = |Setting { path, value, default, meaning, .. }: Setting| {
+        [path.into(), value.to_string(), default.to_string(), meaning.replace('`', "")]
+    };
+    known.settings().into_iter().map(row).collect()
 }
 
 /// Every key of one config. For several configs: the keys in which they differ, then every key of the first.
 fn config_tables(configs: &[(&str, &Value)]) -> String {
     let all: Vec<Vec<[String; 4]>> = configs.iter().map(|(_, config)| settings(config)).collect();
-    match (&all[..], configs) {
-        ([one], _) => keys(one),
-        ([first, ..], [(name, _), ..]) => {
-            let rows = differences(configs, &all);
-            let differ = if rows.len() > 1 {
-                format!("<p>Where they differ:</p>\n{}", table(&rows, 1))
-            } else {
-                "<p>All are the same.</p>\n".into()
-            };
-            let (name, keys) = (escaped(name), keys(first));
-            format!("{differ}<details>\n<summary>Every key of {name}</summary>\n{keys}</details>\n")
-        }
-        _ => String::new(),
+    let (name, keys) = (escaped(configs[0].0), keys(&all[0]));
+    if let [_] = configs {
+        return keys;
     }
+    let rows = differences(configs, &all);
+    let differ = match rows.len() {
+        1 => "<p>All are the same.</p>\n".into(),
+        _ => format!("<p>Where they differ:</p>\n{}", table(&rows, 1)),
+    };
+    format!("{differ}<details>\n<summary>Every key of {name}</summary>\n{keys}</details>\n")
 }
 
-/// A heading with the configs' names, and a row for each key in which they differ.
 fn differences(configs: &[(&str, &Value)], all: &[Vec<[String; 4]>]) -> Vec<Vec<String>> {
     let heading = std::iter::once("").chain(configs.iter().map(|(name, _)| *name));
     let mut rows = vec![heading.map(String::from).collect::<Vec<_>>()];
@@ -291,7 +259,6 @@ fn differences(configs: &[(&str, &Value)], all: &[Vec<[String; 4]>]) -> Vec<Vec<
     rows
 }
 
-/// The table of a config's keys.
 fn keys(settings: &[[String; 4]]) -> String {
     let mut html = String::from(
         "<p class=\"note\">Bold: what is not the default.</p>\n<div class=\"scroll\"><table class=\"keys\">\n\
@@ -300,13 +267,11 @@ fn keys(settings: &[[String; 4]]) -> String {
     for [key, value, default, meaning] in settings {
         let class = if value == default { "" } else { " class=\"set\"" };
         let cells = [value, default, meaning].map(|cell| format!("<td>{}</td>", escaped(cell))).concat();
-        // Writing to a string cannot fail.
-        let _ = writeln!(html, "<tr{class}><td><code>{}</code></td>{cells}</tr>", escaped(key));
+        html += &format!("<tr{class}><td><code>{}</code></td>{cells}</tr>\n", escaped(key));
     }
     html + "</table></div>\n"
 }
 
-/// A config as a file to be saved.
 fn config_file(title: &str, config: &Value) -> String {
     let text = serde_json::to_string_pretty(config).unwrap_or_default();
     format!(
@@ -317,13 +282,12 @@ fn config_file(title: &str, config: &Value) -> String {
 }
 
 fn assembled(title: &str, subtitle: &str, sections: &str, data: &Value) -> String {
-    let dark: String = DARK
-        .iter()
-        .map(|(light, dark)| {
-            format!("  figure [stroke=\"{light}\"] {{ stroke: {dark}; }} figure [fill=\"{light}\"] {{ fill: {dark}; }}\n")
-        })
-        .collect();
-    let style = filled(STYLE, &[("dark", dark.trim_end())]);
+    let rule = |(light, dark): &(&str, &str)| {
+        format!(
+            "  figure [stroke=\"{light}\"] {{ stroke: {dark}; }} figure [fill=\"{light}\"] {{ fill: {dark}; }}\n"
+        )
+    };
+    let style = filled(STYLE, &[("dark", DARK.iter().map(rule).collect::<String>().trim_end())]);
     // In a script element only `<` can end it or begin a comment; JSON has it in strings alone.
     let data = data.to_string().replace('<', "\\u003c");
     filled(

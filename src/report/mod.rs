@@ -1,7 +1,6 @@
 //! What a study or a run amounts to: numbers, tables and plots, from files alone.
 
 mod comparison;
-mod events;
 mod failures;
 pub mod history;
 mod html;
@@ -10,7 +9,6 @@ mod panels;
 mod plots;
 mod portrait;
 mod run;
-mod sample;
 pub mod statistics;
 mod study;
 mod summary;
@@ -34,29 +32,22 @@ use crate::trainer::Evaluation;
 
 /// How every `report.json` begins, whatever its version.
 const JSON_START: &str = "{\n  \"format_version\": ";
-/// How the table begins.
 const CSV_START: &str = "config,seed,env_steps,mean_return\n";
-/// Version of `report.json`.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Largest file that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 30;
 
 /// Writes the content of a file: the table of a large study would fill the memory.
 pub(crate) type Content = Box<dyn Fn(&mut dyn Write) -> io::Result<()>>;
 
-/// A finished report.
 pub struct Report {
     pub(crate) text: String,
-    /// `report.json`.
     pub(crate) json: Value,
-    /// The other files: name and content.
     pub(crate) files: Vec<(&'static str, Content)>,
     /// Notes on the lines that it ignores.
     pub(crate) notes: Vec<String>,
 }
 
-/// Why there is no report.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct ReportError(String);
@@ -93,10 +84,6 @@ fn is_study(directory: &Path) -> Result<bool, ReportError> {
 }
 
 impl Report {
-    /// The report of a study's or a run's directory.
-    ///
-    /// # Errors
-    /// When it is neither, nothing has been finished in it, or a file in it is damaged.
     pub fn of(directory: &Path) -> Result<Self, ReportError> {
         if is_study(directory)? { study::report(directory) } else { run::report(directory) }
     }
@@ -107,12 +94,9 @@ pub(crate) fn is_own(start: &[u8]) -> bool {
     [JSON_START, CSV_START, svg::START].iter().any(|own| start.starts_with(own.as_bytes()))
 }
 
-fn read(path: &Path) -> Result<String, ReportError> {
-    read_text_limited(path, MAX_FILE_SIZE).map_err(|error| ReportError::new(path, error))
-}
-
 fn parse<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ReportError> {
-    serde_json::from_str(&read(path)?).map_err(|error| ReportError::new(path, error))
+    let text = read_text_limited(path, MAX_FILE_SIZE).map_err(|error| ReportError::new(path, error))?;
+    serde_json::from_str(&text).map_err(|error| ReportError::new(path, error))
 }
 
 /// `evaluations.csv`: one row per evaluation.
@@ -130,7 +114,6 @@ fn csv<'a>(
     Ok(())
 }
 
-/// A content that is in memory.
 fn whole(text: String) -> Content {
     Box::new(move |file| file.write_all(text.as_bytes()))
 }

@@ -8,16 +8,12 @@ use crate::env::Spec;
 use crate::study::{Finished, NamedConfig, Omitted, PolicyScore, StudyDir};
 use crate::trainer::Evaluation;
 
-/// The finished trials of a config, in the order of their seeds.
-#[derive(Debug)]
 pub(super) struct Group {
     pub(super) name: String,
     pub(super) task: Spec,
     pub(super) outcomes: Vec<TrialOutcome>,
 }
 
-/// The result of a trial.
-#[derive(Debug)]
 pub(super) struct TrialOutcome {
     pub(super) seed: u64,
     pub(super) error: Option<Box<str>>,
@@ -61,27 +57,19 @@ impl TrialOutcome {
         }
     }
 
-    /// The evaluations during training.
     pub(super) fn evaluations(&self) -> Vec<Evaluation> {
         let pairs = self.steps.iter().zip(&self.means);
         pairs.map(|(&env_steps, &mean)| Evaluation { env_steps, mean }).collect()
     }
 
-    /// See [`history::value_at`].
     pub(super) fn value_at(&self, step: u64, task: &Spec) -> f64 {
         history::value_at(step, &self.steps, &self.means, self.error.is_some(), task)
     }
 }
 
-/// The configs that have finished trials, and what a report leaves out.
 pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), ReportError> {
-    let named = study_dir.study().configs.iter();
-    let group = |NamedConfig { name, task, .. }: &NamedConfig| Group {
-        name: name.clone(),
-        task: task.clone(),
-        outcomes: Vec::new(),
-    };
-    let mut groups: Vec<Group> = named.map(group).collect();
+    let group = |NamedConfig { name, task, .. }: NamedConfig| Group { name, task, outcomes: Vec::new() };
+    let mut groups: Vec<Group> = study_dir.study.configs.iter().cloned().map(group).collect();
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];
     let left_out = study_dir.read(|trial| {
         let config = trial.config;

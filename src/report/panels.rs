@@ -1,8 +1,7 @@
 //! The plots of runs in a page: one panel for each quantity, all over the same steps.
 
-use super::events::History;
 use super::plots::returns;
-use super::run::Run;
+use super::run::{History, Run};
 use super::svg::{Layout, Plot};
 use crate::agent::{STATISTICS, Statistic};
 
@@ -26,7 +25,6 @@ pub(super) fn figure(draw: impl Fn(Layout) -> Plot) -> String {
     )
 }
 
-/// All panels.
 pub(super) fn learning(runs: &[Run]) -> String {
     let ends = runs.iter().flat_map(|run| &run.history.evaluations).map(|evaluation| evaluation.env_steps);
     let end = ends.max().unwrap_or_default() as f64;
@@ -40,11 +38,10 @@ pub(super) fn learning(runs: &[Run]) -> String {
     let mut shown = figure(|layout| learning_curve(layout, runs, end));
     shown += &panel(runs, end, "Exploration: ε after an episode", false, |history| history.epsilon.clone());
     shown += &panel(runs, end, "Loss: mean over an episode", true, |history| history.loss.clone());
-    let mut folded = String::new();
     let drawn = STATISTICS.iter().filter(|statistic| !statistic.title.is_empty());
-    for (i, known) in drawn.enumerate() {
-        *if i < FOLDED_FROM { &mut shown } else { &mut folded } += &statistic(known);
-    }
+    let mut panels = drawn.map(statistic);
+    shown.extend(panels.by_ref().take(FOLDED_FROM));
+    let folded: String = panels.collect();
     if !folded.is_empty() {
         shown += &format!(
             "<details>\n<summary>More of what learning looks like from inside</summary>\n{folded}</details>\n"
@@ -100,7 +97,7 @@ fn panel(
     };
     figure(|layout| {
         let mut plot = Plot::new(layout.low(), title, ["", ""], (0.0, end), range);
-        plot = if is_logarithmic { plot.logarithmic() } else { plot };
+        plot.is_logarithmic = is_logarithmic;
         lines.iter().enumerate().for_each(|(series, line)| plot.line(series, line));
         plot
     })

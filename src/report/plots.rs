@@ -11,7 +11,6 @@ use crate::trainer::Evaluation;
 
 const STEPS: &str = "environment steps";
 
-/// Draws one plot of a study.
 type Draw = fn(&StudyReport, Layout) -> Plot;
 
 /// The plots of a study: name and how it is drawn.
@@ -22,7 +21,6 @@ pub(super) const STUDY: [(&str, Draw); 4] = [
     (PLOTS[3], compare),
 ];
 
-/// The files of a study's plots: name and content.
 pub(super) fn study(report: &StudyReport) -> Vec<(&'static str, Content)> {
     STUDY.iter().map(|(name, draw)| (*name, whole(draw(report, Layout::FILE).finish()))).collect()
 }
@@ -56,12 +54,10 @@ pub(super) fn run(
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);
     let mut plot = returns(Layout::FILE, &format!("Learning curve of {name}"), task, end);
-    for (series, (points, text)) in
-        [(&points[..], "evaluations"), (training, "last 100 training episodes")].into_iter().enumerate()
-    {
-        plot.line(series, points);
-        plot.legend(series, text);
-    }
+    plot.line(0, &points);
+    plot.line(1, training);
+    plot.legend(0, "evaluations");
+    plot.legend(1, "last 100 training episodes");
     vec![(PLOTS[4], whole(plot.finish()))]
 }
 
@@ -90,14 +86,15 @@ fn legend(plot: &mut Plot, configs: &[ConfigReport]) {
     }
 }
 
-/// A line and its band, for points (x, estimate).
-fn line_with_band(plot: &mut Plot, series: usize, points: &[(f64, Estimate)]) {
-    let band: Option<Vec<_>> =
-        points.iter().map(|(x, estimate)| estimate.interval().map(|(low, high)| (*x, low, high))).collect();
-    if let Some(band) = band {
-        plot.band(series, &band);
+/// A line with its band for each config, through points (x, estimate).
+fn draw_bands(plot: &mut Plot, configs: &[ConfigReport], points: fn(&ConfigReport) -> Vec<(f64, Estimate)>) {
+    for (series, config) in configs.iter().enumerate() {
+        let points = points(config);
+        let band = points.iter().map(|(x, estimate)| estimate.interval().map(|(low, high)| (*x, low, high)));
+        plot.band(series, &band.collect::<Option<Vec<_>>>().unwrap_or_default());
+        plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
     }
-    plot.line(series, &points.iter().map(|(x, estimate)| (*x, estimate.value)).collect::<Vec<_>>());
+    legend(plot, configs);
 }
 
 fn learning_curves(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> Plot {
@@ -106,12 +103,9 @@ fn learning_curves(StudyReport { configs, .. }: &StudyReport, layout: Layout) ->
     let (labels, end) = ([STEPS, "mean return of an evaluation"], last_step(configs));
     let mut plot = Plot::new(layout, &title, labels, (0.0, end), range(tasks(configs)));
     draw_threshold(&mut plot, tasks(configs));
-    for (series, config) in configs.iter().enumerate() {
-        let points: Vec<_> =
-            config.learning_curve.iter().map(|point| (point.env_steps as f64, point.iqm)).collect();
-        line_with_band(&mut plot, series, &points);
-    }
-    legend(&mut plot, configs);
+    draw_bands(&mut plot, configs, |config| {
+        config.learning_curve.iter().map(|point| (point.env_steps as f64, point.iqm)).collect()
+    });
     plot
 }
 
@@ -122,12 +116,9 @@ fn performance_profile(StudyReport { configs, .. }: &StudyReport, layout: Layout
     let (low, _) = range(tasks(configs));
     let high = tasks(configs).map(|task| task.return_range.1).fold(low, f64::max);
     let mut plot = Plot::new(layout, &title, labels, (low, high), (0.0, 1.02));
-    for (series, config) in configs.iter().enumerate() {
-        let points: Vec<_> =
-            config.performance_profile.iter().map(|point| (point.tau, point.share)).collect();
-        line_with_band(&mut plot, series, &points);
-    }
-    legend(&mut plot, configs);
+    draw_bands(&mut plot, configs, |config| {
+        config.performance_profile.iter().map(|point| (point.tau, point.share)).collect()
+    });
     plot
 }
 
@@ -155,29 +146,31 @@ fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> 
 
 /// Differences of the IQMs from the first config's; for a single config its IQM. The axis covers only these values.
 fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layout) -> Plot {
-    let differences =
-        comparisons.iter().map(|Comparison { labels, iqm_difference, .. }| (&labels[0], iqm_difference));
-    let mut rows: Vec<(&String, &Estimate)> = differences.collect();
-    let (what, is_difference) = match comparisons.first() {
-        Some(Comparison { labels, .. }) => (format!("Difference of the final IQMs from {}", labels[1]), true),
-        None => ("IQM of the final policies over seeds".into(), false),
+    let is_difference = !comparisons.is_empty();
+    let (what, label, rows): (_, _, Vec<(&String, &Estimate)>) = match comparisons.first() {
+        Some(Comparison { labels: [_, against], .. }) => {
+            let what = format!("Difference of the final IQMs from {against}");
+            (
+                what,
+                "difference of the mean return",
+                comparisons.iter().map(|c| (&c.labels[0], &c.iqm_difference)).collect(),
+            )
+        }
+        None => {
+            let rows = configs.iter().map(|config| (&config.label, &config.final_iqm));
+            ("IQM of the final policies over seeds".into(), "mean return", rows.collect())
+        }
     };
-    if !is_difference {
-        rows = configs.iter().map(|config| (&config.label, &config.final_iqm)).collect();
-    }
     let title = with_intervals(&what, rows.iter().map(|(_, estimate)| *estimate), "bootstrap");
-    let values =
-        rows.iter().flat_map(|(_, estimate)| [Some(estimate.value), estimate.low, estimate.high]).flatten();
-    let values: Vec<f64> = values.chain(is_difference.then_some(0.0)).collect();
-    let (low, high) = (
-        values.iter().copied().fold(f64::INFINITY, f64::min),
-        values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-    );
+    let values = rows.iter().flat_map(|(_, e)| [Some(e.value), e.low, e.high]).flatten();
+    let values = values.chain(is_difference.then_some(0.0));
+    let low = values.clone().fold(f64::INFINITY, f64::min);
+    let high = values.fold(f64::NEG_INFINITY, f64::max);
     let air = if high > low { 0.08 * (high - low) } else { 0.5 };
     let count = rows.len() as f64;
-    let label = if is_difference { "difference of the mean return" } else { "mean return" };
     let (x, y) = ((low - air, high + air), (0.0, count));
-    let mut plot = Plot::new(layout.for_rows(rows.len()), &title, [label, ""], x, y).without_y_ticks();
+    let mut plot = Plot::new(layout.for_rows(rows.len()), &title, [label, ""], x, y);
+    plot.has_y_ticks = false;
     if is_difference {
         plot.upright(0.0);
     }

@@ -17,8 +17,7 @@ use crate::trainer::{Frame, Recording, SCORE_SEED, record};
 /// Points of the map in each direction; odd, so that the middle is one.
 const SIZE: usize = 81;
 
-/// The portrait of the policy in a run's directory; null without a checkpoint, and where the environment is a program, because
-/// a report starts none.
+/// The portrait of the policy in a run's directory; null without a checkpoint, and for a program, as a report starts none.
 pub(super) fn portrait(run: &Path, environment: &EnvironmentConfig) -> Result<Value, ReportError> {
     let (None, Some(path)) = (environment.command(), checkpoint_of(run)?) else { return Ok(Value::Null) };
     let checkpoint = Checkpoint::read(&path).map_err(|error| ReportError::new(&path, error.problem))?;
@@ -77,9 +76,8 @@ fn map(axes: &[MapAxis; 2], [size, actions]: [usize; 2], saved: &SavedPolicy, fr
     });
     let (best, gap): (Vec<usize>, Vec<f64>) = ranked.unzip();
     let axis = |MapAxis { name, unit, range, .. }: &MapAxis| json!({"name": name, "unit": unit, "low": range.0, "high": range.1});
-    let trail = |axis: &MapAxis| -> Vec<f64> {
-        frames.iter().map(|frame| rounded(axis.read(&frame.observation))).collect()
-    };
+    let along = |axis: &MapAxis, frame: &Frame| rounded(axis.read(&frame.observation));
+    let trail = |axis: &MapAxis| frames.iter().map(|frame| along(axis, frame)).collect::<Vec<_>>();
     json!({
         "size": SIZE,
         "axes": axes.each_ref().map(axis),
@@ -115,8 +113,7 @@ fn episode(Recording { frames, total, terminated }: &Recording, ending: &str) ->
     let coordinates = frames.first().map_or(0, |frame| frame.state.len());
     let coordinate = |i: usize| -> Vec<f64> { frames.iter().map(|frame| rounded(frame.state[i])).collect() };
     let scenes: Vec<_> = frames.iter().filter_map(|frame| frame.scene.clone()).collect();
-    let values =
-        |frame: &Frame| -> Vec<f64> { frame.q_values.iter().map(|&q| rounded(f64::from(q))).collect() };
+    let values = |frame: &Frame| frame.q_values.iter().map(|&q| rounded(q.into())).collect::<Vec<_>>();
     let before_end = || frames.iter().filter(|frame| frame.action.is_some());
     json!({
         "seed": SCORE_SEED,

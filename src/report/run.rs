@@ -1,19 +1,20 @@
 //! The report of one run: what happened and when, each statement with its numbers.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::events::{History, StatisticSeries};
 use super::history::{self, LostSolution, Retention};
 use super::{FORMAT_VERSION, Report, ReportError, csv, parse, plots};
 use crate::config::EnvironmentConfig;
 use crate::env::Spec;
 use crate::run::names::{CONFIG, EVALUATIONS, METRICS};
+use crate::run::read_events;
 use crate::text::{visible, wrapped};
-use crate::trainer::{EndReason, Evaluation};
+use crate::trainer::{EndReason, Evaluation, Event};
 
 /// Samples of a statistic that its usual range is taken from, at least and at most.
 const BASELINE: std::ops::RangeInclusive<usize> = 5..=20;
@@ -21,6 +22,58 @@ const BASELINE: std::ops::RangeInclusive<usize> = 5..=20;
 const EPISODES: usize = 100;
 /// Standard deviations from the mean of those at which a statistic has moved.
 const MOVED: f64 = 4.0;
+
+/// A statistic's name → (environment steps, value).
+pub(super) type StatisticSeries = BTreeMap<String, Vec<(u64, f64)>>;
+
+#[derive(Default)]
+pub(super) struct History {
+    pub(super) evaluations: Vec<Evaluation>,
+    pub(super) best: Option<Evaluation>,
+    /// Environment steps of an evaluation, its smallest and its largest return.
+    pub(super) extremes: Vec<(f64, f64, f64)>,
+    /// Environment steps, mean return of the last 100 training episodes.
+    pub(super) training: Vec<(f64, f64)>,
+    /// Environment steps, ε after an episode.
+    pub(super) epsilon: Vec<(f64, f64)>,
+    /// Environment steps, mean loss of an episode.
+    pub(super) loss: Vec<(f64, f64)>,
+    pub(super) statistics: StatisticSeries,
+    pub(super) end_reason: Option<EndReason>,
+}
+
+impl History {
+    pub(super) fn read(path: &Path) -> Result<Self, ReportError> {
+        let mut history = Self::default();
+        read_events(path, |event| history.take(event)).map_err(|error| ReportError::new(path, error))?;
+        Ok(history)
+    }
+
+    fn take(&mut self, event: Event) {
+        let env_steps = event.env_steps();
+        let x = env_steps as f64;
+        match event {
+            Event::Evaluation { mean, min, max, best, .. } => {
+                self.evaluations.push(Evaluation { env_steps, mean });
+                if best {
+                    self.best = Some(Evaluation { env_steps, mean });
+                }
+                self.extremes.push((x, min, max));
+            }
+            Event::Episode { mean_return_100, epsilon, loss, .. } => {
+                self.training.push((x, mean_return_100));
+                self.epsilon.push((x, epsilon));
+                self.loss.extend(loss.map(|loss| (x, loss)));
+            }
+            Event::Statistics { numbers, .. } => {
+                for (name, number) in numbers.0 {
+                    self.statistics.entry(name).or_default().push((env_steps, number));
+                }
+            }
+            Event::End { reason, .. } => self.end_reason = Some(reason),
+        }
+    }
+}
 
 /// `report.json` of a run.
 #[derive(Serialize)]
@@ -32,7 +85,6 @@ pub(super) struct RunReport {
     half_way: Option<f64>,
     pub(super) seed: u64,
     pub(super) ended: bool,
-    /// None while the run has not ended.
     end_reason: Option<EndReason>,
     evaluations: usize,
     pub(super) solved_at_step: Option<u64>,
@@ -74,13 +126,11 @@ struct Collapse {
     /// The first evaluation below half way.
     after: Evaluation,
     lowest: Evaluation,
-    /// The next evaluation that solved again.
     recovered: Option<Evaluation>,
     /// The statistics that left their usual range first; empty if none did, or there are none.
     moved_first: Vec<Moved>,
 }
 
-/// A statistic that left its usual range.
 #[derive(Clone, Debug, Serialize)]
 struct Moved {
     statistic: String,
@@ -90,7 +140,6 @@ struct Moved {
     usual_std: f64,
 }
 
-/// A run and its report.
 pub(super) struct Run {
     /// The shortest end of its directory's path that no other run has, as text for a terminal.
     pub(super) name: String,
@@ -118,6 +167,12 @@ impl Run {
         let grid: Vec<u64> = evaluations.iter().map(|evaluation| evaluation.env_steps).collect();
         let curve: Vec<f64> = evaluations.iter().map(|evaluation| evaluation.mean).collect();
         let losses = history::losses(evaluations, &task);
+        // Only a statistic that moved after the last evaluation that solved can explain a collapse.
+        let collapse = |&LostSolution { before, lowest, collapse, recovered, .. }: &LostSolution| {
+            let after = collapse?;
+            let moved_first = moved_first(&history.statistics, before.env_steps, after.env_steps);
+            Some(Collapse { before, after, lowest, recovered, moved_first })
+        };
         let mut report = RunReport {
             format_version: FORMAT_VERSION,
             kind: "run",
@@ -133,7 +188,7 @@ impl Run {
             area_under_curve: history::area_under_curve(&grid, &curve),
             training: Training::of(&history.training, &task),
             retention: history::retention(evaluations, &task),
-            collapses: losses.iter().filter_map(|loss| history.collapse(loss)).collect(),
+            collapses: losses.iter().filter_map(collapse).collect(),
             dips: losses.iter().filter(|loss| loss.collapse.is_none()).copied().collect(),
             statements: Vec::new(),
         };
@@ -148,23 +203,17 @@ pub(super) fn names(directories: &[PathBuf]) -> Result<Vec<String>, ReportError>
         directory.canonicalize().map_err(|error| ReportError::unreadable(directory, &error))
     };
     let paths = directories.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
-    let parts: Vec<Vec<Component>> = paths.iter().map(|path| path.components().rev().collect()).collect();
-    let name = |i: usize| {
-        let own = &parts[i];
-        let is_other = |count: usize| {
-            let others = parts.iter().enumerate().filter(|(j, _)| *j != i);
-            others.map(|(_, other)| other).all(|other| other.iter().take(count).ne(own.iter().take(count)))
-        };
-        let count = (1..=own.len()).find(|&count| is_other(count));
-        let count =
-            count.ok_or_else(|| ReportError::new(&directories[i], "is given twice; give every run once"))?;
-        let end: PathBuf = own[..count].iter().rev().collect();
-        Ok(visible(&end.to_string_lossy()))
+    let parts: Vec<Vec<Component>> = paths.iter().map(|path| path.components().collect()).collect();
+    let name = |(own, directory): (&Vec<Component>, &PathBuf)| {
+        let mut ends = (0..own.len()).rev().map(|start| &own[start..]);
+        let is_own = |end: &&[Component]| parts.iter().filter(|other| other.ends_with(end)).count() == 1;
+        let end = ends.find(is_own);
+        let end = end.ok_or_else(|| ReportError::new(directory, "is given twice; give every run once"))?;
+        Ok(visible(&end.iter().collect::<PathBuf>().to_string_lossy()))
     };
-    (0..parts.len()).map(name).collect()
+    parts.iter().zip(directories).map(name).collect()
 }
 
-/// The report of the run in a directory.
 pub(super) fn report(directory: &Path) -> Result<Report, ReportError> {
     let name = names(&[directory.to_owned()])?.concat();
     let Run { name, task, history, report, .. } = Run::read(directory, name)?;
@@ -176,18 +225,6 @@ pub(super) fn report(directory: &Path) -> Result<Report, ReportError> {
     };
     files.insert(0, (EVALUATIONS, Box::new(rows)));
     Ok(Report { text, json, files, notes: Vec::new() })
-}
-
-impl History {
-    /// Describes a loss that was a collapse. Only a statistic that moved after the last evaluation that solved can explain it.
-    fn collapse(
-        &self,
-        &LostSolution { before, lowest, collapse, recovered, .. }: &LostSolution,
-    ) -> Option<Collapse> {
-        let after = collapse?;
-        let moved_first = moved_first(&self.statistics, before.env_steps, after.env_steps);
-        Some(Collapse { before, after, lowest, recovered, moved_first })
-    }
 }
 
 /// The statistics that left their usual range first from `start` to `end`: all that did so at the earliest step.
@@ -206,18 +243,11 @@ fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Optio
         let (env_steps, value) = samples[i];
         let usual = &samples[i.saturating_sub(most)..i];
         let count = usual.len() as f64;
-        let mean = usual.iter().map(|(_, value)| value).sum::<f64>() / count;
-        let variance =
-            usual.iter().map(|(_, value)| (value - mean) * (value - mean)).sum::<f64>() / (count - 1.0);
-        let std = variance.sqrt();
-        let has_moved = (start..=end).contains(&env_steps) && (value - mean).abs() > MOVED * std;
-        has_moved.then(|| Moved {
-            statistic: name.into(),
-            env_steps,
-            value,
-            usual_mean: mean,
-            usual_std: std,
-        })
+        let usual_mean = usual.iter().map(|(_, value)| value).sum::<f64>() / count;
+        let squares = usual.iter().map(|(_, value)| (value - usual_mean) * (value - usual_mean));
+        let usual_std = (squares.sum::<f64>() / (count - 1.0)).sqrt();
+        let has_moved = (start..=end).contains(&env_steps) && (value - usual_mean).abs() > MOVED * usual_std;
+        has_moved.then(|| Moved { statistic: name.into(), env_steps, value, usual_mean, usual_std })
     })
 }
 
@@ -236,13 +266,9 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
             format!("the task has no threshold: the best of {evaluations} evaluations is {}", at(best))
         }
         _ => {
-            let verb =
-                if report.half_way.is_some_and(|half| best.mean >= half) { "solved" } else { "learned" };
-            format!(
-                "never {verb}: the best of {evaluations} evaluations is {}, and {} solves",
-                at(best),
-                task.goal()
-            )
+            let is_close = report.half_way.is_some_and(|half| best.mean >= half);
+            let (verb, best, goal) = (if is_close { "solved" } else { "learned" }, at(best), task.goal());
+            format!("never {verb}: the best of {evaluations} evaluations is {best}, and {goal} solves")
         }
     }];
     let end = if report.ended { "until the end of the run" } else { "so far" };
@@ -250,12 +276,8 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
         let recovery = recovered.map_or(format!("not solved again {end}"), |again| {
             format!("solved again at step {}", again.env_steps)
         });
-        let before = at(before);
-        said.push(format!(
-            "collapsed at step {}: {}, {before} before; {recovery}",
-            after.env_steps,
-            at(after)
-        ));
+        let (step, after, before) = (after.env_steps, at(after), at(before));
+        said.push(format!("collapsed at step {step}: {after}, {before} before; {recovery}"));
         for Moved { statistic, env_steps, value, usual_mean, usual_std } in moved_first {
             said.push(format!(
                 "  moved first: {statistic} was {value:.4} at step {env_steps}, {usual_mean:.4} ± {usual_std:.4} before"
@@ -268,10 +290,8 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
         }
     }
     if let Some(lowest) = report.dips.iter().map(|dip| dip.lowest).min_by(|a, b| a.mean.total_cmp(&b.mean)) {
-        let times = match report.dips.len() {
-            1 => "once".into(),
-            times => format!("{times} times"),
-        };
+        let count = report.dips.len();
+        let times = if count == 1 { "once".into() } else { format!("{count} times") };
         said.push(format!(
             "dipped {times} below the threshold without a collapse, which is below {:.1}, half way back to the random policy: \
              the lowest is {}",

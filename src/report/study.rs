@@ -1,30 +1,27 @@
 //! The report of a study, from its files.
 
+use std::io;
 use std::path::Path;
 
 use serde_json::json;
 
-use super::comparison::{Comparison, Scored, early_ends};
-use super::failures::{failures, last_tries, last_try_lines};
+use super::comparison::{Comparison, early_ends};
+use super::failures::{failures, of_last_tries, reason_lines, reasons};
 use super::outcome::{self, Group};
 use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
 use super::summary::{ConfigReport, StudyReport, config_report};
 use super::text::{self, Labels, describe};
 use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
 use crate::run::names::EVALUATIONS;
-use crate::study::{self, LastTry, NamedConfig, StudyDir};
+use crate::study::{self, NamedConfig, StudyDir};
 use crate::text::{visible, wrapped};
-use crate::trainer::Evaluation;
 
-/// Most configs that a note names.
 const MAX_NAMED: usize = 3;
 
-/// A study and its report.
 pub(super) struct ReadStudy {
     pub(super) configs: Vec<NamedConfig>,
     groups: Vec<Group>,
     pub(super) report: StudyReport,
-    /// Notes on the lines that it ignores.
     pub(super) notes: Vec<String>,
 }
 
@@ -34,20 +31,19 @@ impl ReadStudy {
     }
 
     fn of(study_dir: &StudyDir) -> Result<Self, ReportError> {
-        let study = study_dir.study();
+        let study = &study_dir.study;
         let (groups, left_out) = outcome::read(study_dir)?;
         if groups.is_empty() {
-            let why = describe_last_tries(study, left_out.last_tries);
-            return Err(ReportError::new(
-                study_dir.path(),
-                format!("no trial is finished yet; run the study's command first\n{why}").trim_end(),
-            ));
+            let why = describe_last_tries(left_out.last_tries);
+            let problem = format!("no trial is finished yet; run the study's command first\n{why}");
+            return Err(ReportError::new(&study_dir.path, problem.trim_end()));
         }
         let mut configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
         let labels = text::labels(study, &configs);
         for config in &mut configs {
             config.label.clone_from(&labels[&config.name]);
         }
+        let others = configs[1..].iter();
         let report = StudyReport {
             format_version: FORMAT_VERSION,
             kind: "study",
@@ -56,10 +52,10 @@ impl ReadStudy {
             finished: groups.iter().map(|group| group.outcomes.len()).sum(),
             failed: configs.iter().map(|config| config.failed).sum(),
             failures: failures(&groups),
-            last_tries: last_tries(study, left_out.last_tries),
+            last_tries: reasons(left_out.last_tries),
             bootstrap: json!({"confidence": 0.95, "resamples": RESAMPLES, "seed": BOOTSTRAP_SEED}),
             warnings: early_ends(&groups).into_iter().chain(warnings(study, &configs, &labels)).collect(),
-            comparisons: comparisons(configs.iter().map(ConfigReport::scored)),
+            comparisons: others.map(|config| Comparison::new(config.scored(), configs[0].scored())).collect(),
             seeds: study.seeds.clone(),
             configs,
         };
@@ -67,31 +63,24 @@ impl ReadStudy {
     }
 }
 
-/// The report of the study in a directory.
 pub(super) fn report(path: &Path) -> Result<Report, ReportError> {
     let ReadStudy { groups, report, notes, .. } = ReadStudy::read(path)?;
     let mut files = plots::study(&report);
     let (text, json) = (describe(&report), json!(report));
-    files.insert(0, (EVALUATIONS, Box::new(move |file| csv(file, runs(&groups)))));
+    let rows = move |file: &mut dyn io::Write| {
+        let trials = groups.iter().flat_map(|Group { name, outcomes, .. }| {
+            outcomes.iter().map(|outcome| (name.as_str(), outcome.seed, outcome.evaluations()))
+        });
+        csv(file, trials)
+    };
+    files.insert(0, (EVALUATIONS, Box::new(rows)));
     Ok(Report { text, json, files, notes })
 }
 
-/// Every config but the first against the first.
-fn comparisons<'a>(mut scored: impl Iterator<Item = Scored<'a>>) -> Vec<Comparison> {
-    let first = scored.next();
-    first.map_or_else(Vec::new, |first| scored.map(|config| Comparison::new(config, first)).collect())
-}
-
-/// The trials as [`csv`] takes them.
-fn runs(groups: &[Group]) -> impl Iterator<Item = (&str, u64, Vec<Evaluation>)> {
-    groups.iter().flat_map(|Group { name, outcomes, .. }| {
-        outcomes.iter().map(|outcome| (name.as_str(), outcome.seed, outcome.evaluations()))
-    })
-}
-
 /// Why the last tries of missing trials ended, in words; nothing if there was none.
-pub(crate) fn describe_last_tries(study: &study::Study, tries: Vec<LastTry>) -> String {
-    last_try_lines(&last_tries(study, tries), &visible).iter().map(|line| wrapped(line, 0)).collect()
+pub(crate) fn describe_last_tries(tries: Vec<(String, u64, String)>) -> String {
+    let lines = reason_lines(&reasons(tries), of_last_tries, visible);
+    lines.iter().map(|line| wrapped(line, 0)).collect()
 }
 
 /// What a reader must know to judge the numbers. Configs for which the same note is true share it.
@@ -126,10 +115,6 @@ fn warnings(manifest: &study::Study, configs: &[ConfigReport], labels: &Labels) 
     notes.iter().map(sentence).collect()
 }
 
-/// The result of a study, as it is printed when it ends.
-///
-/// # Errors
-/// When nothing has been finished in it, or a file in it is damaged.
 pub fn standing(study_dir: &StudyDir) -> Result<String, ReportError> {
     Ok(text::standing(&ReadStudy::of(study_dir)?.report))
 }

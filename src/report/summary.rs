@@ -31,7 +31,6 @@ pub(super) struct StudyReport {
     pub(super) finished: usize,
     pub(super) failed: usize,
     pub(super) failures: Vec<Failures>,
-    /// Why the last tries of missing trials ended.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) last_tries: Vec<Failures>,
     pub(super) bootstrap: Value,
@@ -40,11 +39,9 @@ pub(super) struct StudyReport {
     pub(super) comparisons: Vec<Comparison>,
 }
 
-/// What one config came to over its seeds.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct ConfigReport {
     pub(super) name: String,
-    /// How tables and pictures call it.
     pub(super) label: String,
     #[serde(skip)]
     pub(super) task: Spec,
@@ -133,7 +130,6 @@ pub(super) struct CurvePoint {
 }
 
 impl ConfigReport {
-    /// What comparisons need of it.
     pub(super) fn scored(&self) -> Scored<'_> {
         Scored { name: &self.name, label: &self.label, task: &self.task, finals: &self.scores }
     }
@@ -180,15 +176,8 @@ fn steps_to_solve(task: &Spec, outcomes: &[TrialOutcome]) -> StepsToSolve {
     let mut solved: Vec<u64> = outcomes.iter().filter_map(steps).collect();
     solved.sort_unstable();
     let quantile = |q| statistics::censored_quantile(&solved, outcomes.len(), q);
-    StepsToSolve {
-        q10: quantile(0.1),
-        q25: quantile(0.25),
-        q50: quantile(0.5),
-        q75: quantile(0.75),
-        q90: quantile(0.9),
-        never: outcomes.len() - solved.len(),
-        solved,
-    }
+    let [q10, q25, q50, q75, q90] = [0.1, 0.25, 0.5, 0.75, 0.9].map(quantile);
+    StepsToSolve { q10, q25, q50, q75, q90, never: outcomes.len() - solved.len(), solved }
 }
 
 fn lasting(outcomes: &[TrialOutcome]) -> Option<Lasting> {
@@ -197,24 +186,16 @@ fn lasting(outcomes: &[TrialOutcome]) -> Option<Lasting> {
         outcomes.iter().filter(|outcome| of(outcome).and_then(|policy| policy.lasts) == Some(true)).count()
     };
     let (final_, best) = (count(|outcome| outcome.final_), count(|outcome| outcome.best));
-    Some(Lasting {
-        final_,
-        best,
-        final_share: Estimate::share(final_, outcomes.len()),
-        best_share: Estimate::share(best, outcomes.len()),
-    })
+    let [final_share, best_share] = [final_, best].map(|count| Estimate::share(count, outcomes.len()));
+    Some(Lasting { final_, best, final_share, best_share })
 }
 
 fn retention(task: &Spec, outcomes: &[TrialOutcome]) -> ConfigRetention {
-    let kept: Vec<(u64, Retention)> = outcomes
-        .iter()
-        .filter_map(|outcome| Some((outcome.seed, history::retention(&outcome.evaluations(), task)?)))
-        .collect();
-    let shares: Vec<f64> = kept
-        .iter()
-        .filter(|(_, kept)| kept.evaluations > 0)
-        .map(|(_, kept)| kept.solved as f64 / kept.evaluations as f64)
-        .collect();
+    let retained =
+        |outcome: &TrialOutcome| Some((outcome.seed, history::retention(&outcome.evaluations(), task)?));
+    let kept: Vec<(u64, Retention)> = outcomes.iter().filter_map(retained).collect();
+    let judged = kept.iter().filter(|(_, kept)| kept.evaluations > 0);
+    let shares: Vec<f64> = judged.map(|(_, kept)| kept.solved as f64 / kept.evaluations as f64).collect();
     let worst = kept.iter().filter_map(|(seed, kept)| Some((*seed, kept.worst?)));
     let worst = worst.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean));
     ConfigRetention {
@@ -245,11 +226,10 @@ fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[TrialOutcome]) -> Vec<C
     let threads = thread::available_parallelism().map_or(1, NonZero::get);
     let parts = grid.chunks(grid.len().div_ceil(threads).max(1));
     thread::scope(|scope| {
-        let threads: Vec<_> =
-            parts.map(|part| scope.spawn(move || part.iter().map(point).collect::<Vec<_>>())).collect();
-        threads
-            .into_iter()
-            .flat_map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
-            .collect()
+        let points = |part: &[u64]| part.iter().map(point).collect::<Vec<_>>();
+        let threads: Vec<_> = parts.map(|part| scope.spawn(move || points(part))).collect();
+        let joined =
+            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        joined.flatten().collect()
     })
 }

@@ -1,10 +1,7 @@
 //! Plots as SVG: axes, lines, steps, bands and intervals on a light background. The same data give the same bytes.
 
-use std::fmt::Write;
-
 use crate::text::{lines, visible};
 
-/// The beginning of every plot that is a file.
 pub(super) const START: &str = r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 "#;
 const LEGEND_LINE: f64 = 18.0;
 /// Widest line of text in a plot, in characters.
@@ -22,27 +19,18 @@ pub(super) struct Layout {
     top: f64,
     bottom: f64,
     /// Whether the plot has title, legend and axis names; a page has them around the plot.
-    labelled: bool,
+    named: bool,
 }
 
 impl Layout {
-    /// A file of its own.
-    pub(super) const FILE: Self = Self {
-        width: 720.0,
-        height: 400.0,
-        left: 64.0,
-        right: 24.0,
-        top: 36.0,
-        bottom: 52.0,
-        labelled: true,
-    };
+    pub(super) const FILE: Self =
+        Self { width: 720.0, height: 400.0, left: 64.0, right: 24.0, top: 36.0, bottom: 52.0, named: true };
     /// In a page on a screen.
     pub(super) const WIDE: Self =
-        Self { width: 960.0, height: 340.0, left: 46.0, top: 10.0, labelled: false, ..Self::FILE };
+        Self { width: 960.0, height: 340.0, left: 46.0, top: 10.0, named: false, ..Self::FILE };
     /// In a page on a phone.
     pub(super) const NARROW: Self = Self { width: 350.0, height: 260.0, right: 20.0, ..Self::WIDE };
 
-    /// The same, half as high.
     pub(super) const fn low(self) -> Self {
         Self { height: self.height / 2.0, bottom: 28.0, ..self }
     }
@@ -77,57 +65,29 @@ pub(super) const DARK: [(&str, &str); 11] = [
     (LEVEL, "#8a929a"),
 ];
 
-/// A plot that is being drawn.
-#[derive(Debug)]
 pub(super) struct Plot {
     layout: Layout,
-    /// In lines.
     title: Vec<String>,
     labels: [String; 2],
     x: (f64, f64),
     y: (f64, f64),
-    y_ticks: bool,
-    /// Whether y is a power of ten.
-    is_logarithmic: bool,
+    /// Whether there are numbers at the y axis.
+    pub(super) has_y_ticks: bool,
+    /// Whether y is an exponent, and the y axis has powers of ten.
+    pub(super) is_logarithmic: bool,
     marks: String,
-    /// Series and what it is.
     legend: Vec<(usize, String)>,
 }
 
 impl Plot {
     /// A plot over these ranges, which are widened if they are too narrow.
-    pub(super) fn new(
-        layout: Layout,
-        title: &str,
-        [x_label, y_label]: [&str; 2],
-        x: (f64, f64),
-        y: (f64, f64),
-    ) -> Self {
+    pub(super) fn new(layout: Layout, title: &str, labels: [&str; 2], x: (f64, f64), y: (f64, f64)) -> Self {
         let title = lines(&visible(title), LINE);
-        let more = if layout.labelled { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
-        Self {
-            layout: Layout { top: layout.top + more, height: layout.height + more, ..layout },
-            title,
-            labels: [escaped(x_label), escaped(y_label)],
-            x: drawable(x),
-            y: drawable(y),
-            y_ticks: true,
-            is_logarithmic: false,
-            marks: String::new(),
-            legend: Vec::new(),
-        }
-    }
-
-    /// With powers of ten at the y axis, where y is an exponent.
-    pub(super) fn logarithmic(mut self) -> Self {
-        self.is_logarithmic = true;
-        self
-    }
-
-    /// Without numbers at the y axis.
-    pub(super) fn without_y_ticks(mut self) -> Self {
-        self.y_ticks = false;
-        self
+        let more = if layout.named { LEGEND_LINE * (title.len() - 1) as f64 } else { 0.0 };
+        let layout = Layout { top: layout.top + more, height: layout.height + more, ..layout };
+        let (x, y, labels) = (drawable(x), drawable(y), labels.map(escaped));
+        let (marks, legend) = (String::new(), Vec::new());
+        Self { layout, title, labels, x, y, has_y_ticks: true, is_logarithmic: false, marks, legend }
     }
 
     fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
@@ -136,22 +96,20 @@ impl Plot {
             ((value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0)).clamp(0.0, 1.0)
         };
         let Layout { width, height, left, right, top, bottom, .. } = self.layout;
-        (
-            left + share(x, self.x) * (width - left - right),
-            height - bottom - share(y, self.y) * (height - top - bottom),
-        )
+        let (across, up) =
+            (share(x, self.x) * (width - left - right), share(y, self.y) * (height - top - bottom));
+        (left + across, height - bottom - up)
     }
 
     fn path(&self, points: impl Iterator<Item = (f64, f64)>) -> String {
         let mut path = String::new();
         for (i, point) in points.filter(|(x, y)| x.is_finite() && y.is_finite()).enumerate() {
             let (x, y) = self.place(point);
-            let _ = write!(path, "{}{x:.1},{y:.1}", if i == 0 { "M" } else { "L" });
+            path += &format!("{}{x:.1},{y:.1}", if i == 0 { "M" } else { "L" });
         }
         path
     }
 
-    /// A line through points.
     pub(super) fn line(&mut self, series: usize, points: &[(f64, f64)]) {
         self.line_of_width(series, points, "2");
     }
@@ -163,13 +121,12 @@ impl Plot {
 
     fn line_of_width(&mut self, series: usize, points: &[(f64, f64)], width: &str) {
         let colour = colour(series);
-        if let [point @ (x, y)] = points
+        // A line through one point has no length.
+        if let &[(x, y)] = points
             && x.is_finite()
             && y.is_finite()
         {
-            // A line through one point has no length.
-            let (x, y) = self.place(*point);
-            self.marks += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" fill=\"{colour}\"/>\n");
+            self.dot((x, y), 3, colour);
         }
         let style = format!(r#"fill="none" stroke="{colour}" stroke-width="{width}"{}"#, dashes(series));
         self.marks += &(path(&self.path(points.iter().copied()), &style) + "\n");
@@ -198,16 +155,21 @@ impl Plot {
         if !x.is_finite() {
             return;
         }
-        let ((middle, height), colour) = (self.place((x, y)), colour(series));
+        let colour = colour(series);
         if let Some((low, high)) = ends {
             let style = format!(r#"stroke="{colour}" stroke-width="3""#);
             self.marks += &(path(&self.path([(low, y), (high, y)].into_iter()), &style) + "\n");
         }
-        self.marks += &format!("<circle cx=\"{middle:.1}\" cy=\"{height:.1}\" r=\"5\" fill=\"{colour}\"/>\n");
+        let (_, height) = self.dot((x, y), 5, colour);
         self.marks += &(text(self.layout.left + 8.0, height - 10.0, "", &escaped(said)) + "\n");
     }
 
-    /// A thin line upwards.
+    fn dot(&mut self, point: (f64, f64), radius: u8, colour: &str) -> (f64, f64) {
+        let (x, y) = self.place(point);
+        self.marks += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"/>\n");
+        (x, y)
+    }
+
     pub(super) fn upright(&mut self, x: f64) {
         self.marks += &(path(&self.path([(x, self.y.0), (x, self.y.1)].into_iter()), THIN) + "\n");
     }
@@ -224,15 +186,13 @@ impl Plot {
         self.marks += &(text(right, height + 13.0, style, &escaped(said)) + "\n");
     }
 
-    /// An entry of the legend, below the plot.
     pub(super) fn legend(&mut self, series: usize, text: &str) {
         self.legend.push((series, visible(text)));
     }
 
-    fn drawn_legend(&self) -> String {
-        let mut legend = String::new();
-        let Layout { height, left, .. } = self.layout;
-        let mut y = height;
+    /// The legend, and the height with it.
+    fn drawn_legend(&self) -> (String, f64) {
+        let (Layout { left, height: mut y, .. }, mut legend) = (self.layout, String::new());
         for (series, text) in &self.legend {
             legend += &(sample(&format!("M{left},{y}h24"), *series) + "\n");
             for line in lines(text, LINE) {
@@ -241,7 +201,7 @@ impl Plot {
                 y += LEGEND_LINE;
             }
         }
-        legend
+        (legend, y)
     }
 
     /// Title, what y is, and legend as HTML, for a plot that is not labelled.
@@ -274,14 +234,15 @@ impl Plot {
         let (left, bottom) = self.place((self.x.0, self.y.0));
         let (right, top) = self.place((self.x.1, self.y.1));
         let grid = format!("stroke=\"{GRID}\"");
-        let most = ((self.layout.width - self.layout.left - self.layout.right) / TICK.0).min(10.0);
-        let x_ticks = ticks(self.x, most);
+        let Layout { width, height, left: before, right: after, top: above, bottom: below, .. } = self.layout;
+        let x_ticks = ticks(self.x, ((width - before - after) / TICK.0).min(10.0));
         for (&tick, number) in x_ticks.iter().zip(numbers(&x_ticks)) {
             let (x, _) = self.place((tick, 0.0));
             axes += &path(&format!("M{x:.1},{top:.1}V{bottom:.1}"), &grid);
             axes += &(text(x, bottom + 18.0, r#" text-anchor="middle""#, &number) + "\n");
         }
-        let y_ticks = self.y_tick_values();
+        let mut y_ticks = ticks(self.y, ((height - above - below) / TICK.1).min(10.0));
+        y_ticks.retain(|tick| self.has_y_ticks && (!self.is_logarithmic || tick.fract() == 0.0));
         for (&tick, number) in y_ticks.iter().zip(numbers(&y_ticks)) {
             let (_, y) = self.place((0.0, tick));
             let number = if self.is_logarithmic { format!("1e{tick}") } else { number };
@@ -292,34 +253,20 @@ impl Plot {
         axes + &path(&frame, &format!(r#"fill="none" stroke="{AXIS}""#)) + "\n"
     }
 
-    fn y_tick_values(&self) -> Vec<f64> {
-        if !self.y_ticks {
-            return Vec::new();
-        }
-        let most = ((self.layout.height - self.layout.top - self.layout.bottom) / TICK.1).min(10.0);
-        let mut values = ticks(self.y, most);
-        values.retain(|tick| !self.is_logarithmic || tick.fract() == 0.0);
-        values
-    }
-
-    /// The whole SVG file.
     pub(super) fn finish(self) -> String {
-        let Layout { width, height: plot_height, left, right, top, bottom, labelled } = self.layout;
-        let middle = (left + width - right) / 2.0;
-        let side = (top + plot_height - bottom) / 2.0;
+        let Layout { width, height: plot_height, left, right, top, bottom, named } = self.layout;
+        let (middle, side) = ((left + width - right) / 2.0, (top + plot_height - bottom) / 2.0);
         let [x_label, y_label] = &self.labels;
-        let (height, around) = if labelled {
-            let around = format!(
-                r#"{}<text transform="translate(16 {side}) rotate(-90)" text-anchor="middle">{y_label}</text>
-{}"#,
-                self.drawn_title(middle),
-                self.drawn_legend()
-            );
-            let legend = self.legend.iter().map(|(_, text)| lines(text, LINE).len()).sum::<usize>();
-            (plot_height + LEGEND_LINE * legend as f64, around)
-        } else {
-            (plot_height, String::new())
-        };
+        let (mut height, mut around) = (plot_height, String::new());
+        if named {
+            let (legend, end) = self.drawn_legend();
+            around = self.drawn_title(middle)
+                + &format!(
+                    "<text transform=\"translate(16 {side}) rotate(-90)\" text-anchor=\"middle\">{y_label}</text>\n"
+                )
+                + &legend;
+            height = end;
+        }
         format!(
             r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" font-family="sans-serif" font-size="12">
 <title>{title}</title>
@@ -343,7 +290,6 @@ fn text(x: f64, y: f64, style: &str, content: &str) -> String {
     format!("<text x=\"{x:.1}\" y=\"{y:.1}\"{style}>{content}</text>")
 }
 
-/// A piece of a series' line, for a legend.
 fn sample(commands: &str, series: usize) -> String {
     path(commands, &format!(r#"stroke="{}" stroke-width="3"{}"#, colour(series), dashes(series)))
 }
@@ -352,7 +298,6 @@ fn colour(series: usize) -> &'static str {
     COLOURS[series % COLOURS.len()]
 }
 
-/// Tells apart series of the same colour.
 fn dashes(series: usize) -> String {
     match series / COLOURS.len() {
         0 => String::new(),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::comparison::{Comparison, statements};
-use super::failures::{failure_lines, last_try_lines};
+use super::failures::{of_last_tries, reason_lines};
 use super::statistics::{Estimate, shown};
 use super::summary::{ConfigReport, ConfigRetention, Lasting, StepsToSolve, StudyReport};
 use crate::study::{LASTING_STEPS, SCORE_EPISODES, Study};
@@ -11,43 +11,12 @@ use crate::text::{self, COLUMNS, GAP, LEAST_NAME, legend, table, visible, width,
 use crate::trainer::LASTING_EPISODES;
 
 fn share_shown(count: usize, share: &Estimate) -> String {
-    let percent = |value: f64| 100.0 * value;
     match share.interval() {
-        Some((low, high)) => format!("{count} [{:.1}, {:.1} %]", percent(low), percent(high)),
+        Some((low, high)) => format!("{count} [{:.1}, {:.1} %]", 100.0 * low, 100.0 * high),
         None => count.to_string(),
     }
 }
 
-impl ConfigReport {
-    /// How many policies solve.
-    fn solved(&self) -> Vec<String> {
-        vec![
-            share_shown(self.final_solved, &self.final_solved_share),
-            share_shown(self.best_solved, &self.best_solved_share),
-        ]
-    }
-
-    /// What the runs kept.
-    fn course(&self) -> Vec<String> {
-        let ConfigRetention { share, worst, collapses, collapsed_seeds, dips, dipped_seeds, .. } =
-            &self.retention;
-        vec![
-            self.ended_early.to_string(),
-            share.map_or_else(|| "-".into(), |share| format!("{:.1} %", 100.0 * share)),
-            worst.as_ref().map_or_else(|| "-".into(), |worst| format!("{:.1}", worst.mean)),
-            format!("{collapses} on {collapsed_seeds}"),
-            format!("{dips} on {dipped_seeds}"),
-        ]
-    }
-
-    fn solutions(&self) -> Vec<String> {
-        let steps = |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
-        let StepsToSolve { q10, q50, q90, never, .. } = self.steps_to_solve;
-        vec![steps(q10), steps(q50), steps(q90), never.to_string()]
-    }
-}
-
-/// A table and what it shows.
 pub(super) struct Table {
     pub(super) title: String,
     pub(super) rows: Vec<Vec<String>>,
@@ -77,7 +46,6 @@ fn order(configs: &[ConfigReport]) -> Vec<usize> {
     order
 }
 
-/// The first table of a report.
 fn ranked(configs: &[ConfigReport]) -> Table {
     let heading = ["rank", "config", "seeds", "failed", "solved", "IQM", "mean"].map(String::from);
     let row = |(rank, i): (usize, usize)| {
@@ -92,23 +60,20 @@ fn ranked(configs: &[ConfigReport]) -> Table {
             format!("{:.1}", config.final_mean.value),
         ]
     };
-    Table {
-        title: "Mean return of the final policies over the seeds, the best config first:".into(),
-        rows: std::iter::once(heading.to_vec())
-            .chain(order(configs).into_iter().enumerate().map(row))
-            .collect(),
-    }
+    let mut rows = vec![heading.to_vec()];
+    rows.extend(order(configs).into_iter().enumerate().map(row));
+    Table { title: "Mean return of the final policies over the seeds, the best config first:".into(), rows }
 }
 
 /// The tables of a report, the best config first in each.
 pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
     let configs = &report.configs;
     let order = order(configs);
-    let table = |title: &str, heading: &[&str], cells: &dyn Fn(usize) -> Option<Vec<String>>| {
+    let table = |title: &str, heading: &[&str], cells: &dyn Fn(&ConfigReport) -> Option<Vec<String>>| {
         let mut rows = vec![["rank", "config"].iter().chain(heading).map(ToString::to_string).collect()];
         for (rank, &i) in order.iter().enumerate() {
             let name = [(rank + 1).to_string(), configs[i].label.clone()];
-            rows.extend(cells(i).map(|cells| [&name[..], &cells].concat()));
+            rows.extend(cells(&configs[i]).map(|cells| [&name[..], &cells].concat()));
         }
         Table { title: title.into(), rows }
     };
@@ -117,34 +82,52 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
         table(
             "How many seeds' final policy solves, and how many seeds' best one:",
             &["final solved", "best solved"],
-            &|i| Some(configs[i].solved()),
+            &|c| {
+                let of_final = share_shown(c.final_solved, &c.final_solved_share);
+                Some(vec![of_final, share_shown(c.best_solved, &c.best_solved_share)])
+            },
         ),
         table(
             "Steps before the first evaluation during training that solved, after which 10, 50 and 90 % of the seeds had \
              one; how many seeds had none; area under the learning curve:",
             &["10 %", "50 %", "90 %", "none", "area"],
-            &|i| Some([configs[i].solutions(), vec![shown(&configs[i].area_under_curve, 1)]].concat()),
+            &|c| {
+                let StepsToSolve { q10, q50, q90, never, .. } = c.steps_to_solve;
+                let steps =
+                    |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
+                let [q10, q50, q90] = [q10, q50, q90].map(steps);
+                Some(vec![q10, q50, q90, never.to_string(), shown(&c.area_under_curve, 1)])
+            },
         ),
         table(
             "How many runs a key ended early; the share of the evaluations after the first solution that solved too, and the \
              worst of them; how often a solution was lost, on how many seeds: in a collapse to less than half way back to the \
              random policy, and in a dip not so far:",
             &["ended early", "retained", "worst", "collapses", "dips"],
-            &|i| Some(configs[i].course()),
+            &|c| {
+                let ConfigRetention { share, worst, collapses, collapsed_seeds, dips, dipped_seeds, .. } =
+                    &c.retention;
+                Some(vec![
+                    c.ended_early.to_string(),
+                    share.map_or_else(|| "-".into(), |share| format!("{:.1} %", 100.0 * share)),
+                    worst.as_ref().map_or_else(|| "-".into(), |worst| format!("{:.1}", worst.mean)),
+                    format!("{collapses} on {collapsed_seeds}"),
+                    format!("{dips} on {dipped_seeds}"),
+                ])
+            },
         ),
-        table("Mean and median of the final policies over the seeds:", &["mean", "median"], &|i| {
-            Some(vec![shown(&configs[i].final_mean, 1), shown(&configs[i].final_median, 1)])
+        table("Mean and median of the final policies over the seeds:", &["mean", "median"], &|c| {
+            Some(vec![shown(&c.final_mean, 1), shown(&c.final_median, 1)])
         }),
     ];
     if configs.iter().any(|config| config.lasting.is_some()) {
         tables.push(table(
             &format!(
-                "How many seeds have a policy that lasts {} steps from all {} starts:",
-                LASTING_STEPS, LASTING_EPISODES
+                "How many seeds have a policy that lasts {LASTING_STEPS} steps from all {LASTING_EPISODES} starts:"
             ),
             &["final lasts", "best lasts"],
-            &|i| {
-                let Lasting { final_, best, final_share, best_share } = configs[i].lasting.as_ref()?;
+            &|c| {
+                let Lasting { final_, best, final_share, best_share } = c.lasting.as_ref()?;
                 Some(vec![share_shown(*final_, final_share), share_shown(*best, best_share)])
             },
         ));
@@ -156,8 +139,8 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
                  difference of the IQMs:"
             ),
             &["P(better)", "difference"],
-            &|i| {
-                let comparison = report.comparisons.get(i.checked_sub(1)?)?;
+            &|c| {
+                let comparison = report.comparisons.iter().find(|comparison| comparison.config == c.name)?;
                 Some(vec![shown(&comparison.probability_of_improvement, 3), shown(&comparison.iqm_difference, 1)])
             },
         ));
@@ -165,12 +148,10 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
     tables
 }
 
-/// The labels of the configs, and their names.
 pub(super) fn names(report: &StudyReport) -> impl Iterator<Item = (&str, &str)> {
     report.configs.iter().map(|config| (config.label.as_str(), config.name.as_str()))
 }
 
-/// What the tables mean.
 fn footnote(configs: &[ConfigReport]) -> String {
     let has_intervals = configs.iter().any(|config| config.final_iqm.low.is_some());
     let intervals = if has_intervals { " In brackets: 95 % intervals over training seeds." } else { "" };
@@ -193,9 +174,11 @@ pub(super) fn conclusions(report: &StudyReport) -> Vec<String> {
     said
 }
 
-/// Why trials failed.
 fn failed(report: &StudyReport) -> Vec<String> {
-    failure_lines(&report.failures, report.finished, &|config| label(report, config))
+    let heading = |failed| {
+        format!("{failed} of {} trials failed and count with the lowest return of the task:", report.finished)
+    };
+    reason_lines(&report.failures, heading, |config| label(report, config))
 }
 
 /// How tables call a config; its name if it has no finished trial.
@@ -203,10 +186,9 @@ fn label(report: &StudyReport, name: &str) -> String {
     names(report).find(|(_, other)| *other == name).map_or_else(|| visible(name), |(label, _)| label.into())
 }
 
-/// The notes below the tables.
 pub(super) fn remarks(report: &StudyReport) -> Vec<String> {
     let mut remarks = failed(report);
-    remarks.extend(last_try_lines(&report.last_tries, &|config| label(report, config)));
+    remarks.extend(reason_lines(&report.last_tries, of_last_tries, |config| label(report, config)));
     remarks.push(footnote(&report.configs));
     remarks
 }
@@ -223,8 +205,8 @@ pub(super) fn standing(report: &StudyReport) -> String {
         None => "unknown, since the task has no threshold".into(),
     };
     let Table { title, rows } = ranked(configs);
-    let mut text =
-        format!("trials     {finished}\nsolved     {solved}\nfailed     {}\n\n{title}\n", report.failed);
+    let failures = report.failed;
+    let mut text = format!("trials     {finished}\nsolved     {solved}\nfailed     {failures}\n\n{title}\n");
     text += &(table(&rows) + &legend(names(report)));
     statements(&report.comparisons).iter().for_each(|statement| text += &wrapped(statement, 2));
     failed(report).iter().for_each(|line| text += &wrapped(line, 7));

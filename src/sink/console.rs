@@ -5,14 +5,22 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::trainer::Budget;
-use crate::trainer::{Event, Observer};
+use crate::trainer::{Budget, Event, Observer};
 
-/// Shortest time between two plain lines.
-const LINE_INTERVAL: Duration = Duration::from_secs(2);
+pub(crate) const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
-/// Shows the progress of a run.
-#[derive(Debug)]
+/// A bar whose first line is a template; what is done took no time. It has two lines, so that 40 columns are enough; its message
+/// is cut where the terminal is narrower.
+pub(crate) fn progress_bar(length: u64, done: u64, template: &str) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    if let Ok(style) = ProgressStyle::with_template(&format!("{template}\n{{wide_msg}}")) {
+        bar.set_style(style);
+    }
+    bar.set_position(done);
+    bar.reset_eta();
+    bar
+}
+
 pub(crate) struct Console {
     bar: ProgressBar,
     budget: Budget,
@@ -26,31 +34,16 @@ pub(crate) struct Console {
 }
 
 impl Console {
-    /// A display for a run with this budget that is at `start_steps` environment steps.
     pub fn new(budget: Budget, start_steps: u64) -> Self {
         let (length, unit) = match budget {
             Budget::Steps(steps) => (steps, "step"),
             Budget::Episodes(episodes) => (episodes, "episode"),
         };
-        // Two lines, so that 40 columns are enough; `wide_msg` is cut where the terminal is narrower.
-        let template = format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{prefix}}eta {{eta}}\n{{wide_msg}}");
-        let bar = ProgressBar::new(length);
-        if let Ok(style) = ProgressStyle::with_template(&template) {
-            bar.set_style(style);
-        }
-        if let Budget::Steps(_) = budget {
-            bar.set_position(start_steps);
-            bar.reset_eta();
-        }
-        Self {
-            bar,
-            budget,
-            learning: None,
-            last_line: None,
-            episode: String::new(),
-            evaluation: String::new(),
-            details: String::new(),
-        }
+        let done = if let Budget::Steps(_) = budget { start_steps } else { 0 };
+        let bar =
+            progress_bar(length, done, &format!("{unit} {{pos}}/{{len}} {{wide_bar}} {{prefix}}eta {{eta}}"));
+        let [episode, evaluation, details] = [const { String::new() }; 3];
+        Self { bar, budget, learning: None, last_line: None, episode, evaluation, details }
     }
 
     fn show(&mut self, env_steps: u64, episodes: Option<u64>, line_is_due: bool) {
@@ -111,15 +104,12 @@ impl Drop for Console {
 }
 
 /// Prints a line for every N-th episode, as the tutorial does.
-#[derive(Debug)]
 pub(crate) struct EpisodeLog {
-    /// Empty where the budget does not count episodes.
     of_total: String,
     every: u64,
 }
 
 impl EpisodeLog {
-    /// A line for every `every` episodes of a run with this budget.
     pub fn new(budget: Budget, every: u64) -> Self {
         let of_total = match budget {
             Budget::Steps(_) => String::new(),
@@ -135,9 +125,9 @@ impl Observer for EpisodeLog {
             && (episode + 1).is_multiple_of(self.every)
         {
             let (number, of_total) = (episode + 1, &self.of_total);
+            let line = format!("episode {number}{of_total}  return {return_}  epsilon {epsilon:.2}");
             // A closed stderr is no reason to stop a run.
-            let _ =
-                writeln!(io::stderr(), "episode {number}{of_total}  return {return_}  epsilon {epsilon:.2}");
+            let _ = writeln!(io::stderr(), "{line}");
         }
         Ok(())
     }

@@ -21,18 +21,12 @@ pub struct JsonLines {
 }
 
 impl JsonLines {
-    /// Opens an existing file; [`Self::cut`] says where the next event is written.
-    ///
-    /// # Errors
-    /// When that fails; [`io::ErrorKind::WouldBlock`] when another process has the file.
+    /// Opens an existing file; [`Self::cut`] says where the next event is written. The error is [`io::ErrorKind::WouldBlock`] when
+    /// another process has the file, here and below.
     pub fn open(directory: &Directory, path: &Path) -> io::Result<Self> {
         Self::lock(directory.open_file(path)?, directory, path)
     }
 
-    /// Creates the file.
-    ///
-    /// # Errors
-    /// When that fails or the file exists; [`io::ErrorKind::WouldBlock`] when another process has it.
     pub fn create(directory: &Directory, path: &Path) -> io::Result<Self> {
         Self::lock(directory.create_file(path)?, directory, path)
     }
@@ -74,7 +68,6 @@ impl JsonLines {
         Ok(true)
     }
 
-    /// Flushes all events to the disk.
     pub(crate) fn sync(&mut self) -> io::Result<()> {
         self.file.sync_data()
     }

@@ -7,7 +7,7 @@ mod json_lines;
 mod tensorboard;
 
 #[cfg(feature = "cli")]
-pub(crate) use console::{Console, EpisodeLog};
+pub(crate) use console::{Console, EpisodeLog, LINE_INTERVAL, progress_bar};
 pub(crate) use json_lines::JsonLines;
 #[cfg(feature = "tensorboard")]
 pub(crate) use tensorboard::TensorBoard;

@@ -5,6 +5,7 @@
 //! `Summary { repeated Value value = 1; }`, `Value { string tag = 1; float simple_value = 2; }`.
 
 use std::collections::VecDeque;
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -16,7 +17,6 @@ use super::TENSORBOARD_PREFIX;
 use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
-/// CRC-32C.
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// Episodes of a running mean, as in `mean_return_100`.
 const RECENT: usize = 100;
@@ -25,7 +25,6 @@ const RECENT: usize = 100;
 /// a run whose bytes differ each time.
 pub(crate) struct TensorBoard {
     file: BufWriter<File>,
-    /// The learning rate after a number of environment steps.
     learning_rate: Box<dyn Fn(u64) -> f64>,
     recent_lengths: VecDeque<u64>,
     /// When the first event came, and its environment steps.
@@ -34,9 +33,6 @@ pub(crate) struct TensorBoard {
 
 impl TensorBoard {
     /// Creates a new file in a directory, which is made if it is missing, for a run that has made `env_steps` steps.
-    ///
-    /// # Errors
-    /// When that fails.
     pub fn create(
         directory: &Directory,
         path: &Path,
@@ -51,18 +47,11 @@ impl TensorBoard {
         let file = BufWriter::new(directory.create_file(&path.join(name))?);
         let learning_rate = Box::new(learning_rate);
         let mut sink = Self { file, learning_rate, recent_lengths: VecDeque::new(), start: None };
-        let mut version = Vec::new();
-        put_double(&mut version, 1, wall_time());
-        put_bytes(&mut version, 3, b"brain.Event:2");
-        sink.write_record(&version)?;
+        sink.write_event(None, 3, b"brain.Event:2")?;
         if latest.is_some() {
             // `SessionLog { status = START }`: TensorBoard then forgets what earlier files hold from this step on. A run
             // that begins again at step 0 has no event of that step.
-            let mut start = Vec::new();
-            put_double(&mut start, 1, wall_time());
-            put_varint(&mut start, 2, if env_steps == 0 { 0 } else { env_steps + 1 });
-            put_bytes(&mut start, 7, &[1 << 3, 1]);
-            sink.write_record(&start)?;
+            sink.write_event(Some(if env_steps == 0 { 0 } else { env_steps + 1 }), 7, &[1 << 3, 1])?;
         }
         sink.file.flush()?;
         Ok(sink)
@@ -77,20 +66,24 @@ impl TensorBoard {
         for (tag, value) in scalars {
             let mut scalar = Vec::new();
             put_bytes(&mut scalar, 1, tag.as_ref().as_bytes());
-            put_float(&mut scalar, 2, value as f32);
+            varint(&mut scalar, 2 << 3 | 5);
+            scalar.extend((value as f32).to_le_bytes());
             put_bytes(&mut summary, 1, &scalar);
         }
-        let mut event = Vec::new();
-        put_double(&mut event, 1, wall_time());
-        put_varint(&mut event, 2, step);
-        put_bytes(&mut event, 5, &summary);
-        self.write_record(&event)
+        self.write_event(Some(step), 5, &summary)
     }
 
-    /// Length and content, each with its checksum.
-    fn write_record(&mut self, data: &[u8]) -> io::Result<()> {
-        let length = (data.len() as u64).to_le_bytes();
-        for part in [&length[..], data] {
+    /// A record with the event of now: its length and the event, each with its checksum.
+    fn write_event(&mut self, step: Option<u64>, field: u64, content: &[u8]) -> io::Result<()> {
+        let mut event = Vec::new();
+        varint(&mut event, 1 << 3 | 1);
+        event.extend(wall_time().to_le_bytes());
+        if let Some(step) = step {
+            varint(&mut event, 2 << 3);
+            varint(&mut event, step);
+        }
+        put_bytes(&mut event, field, content);
+        for part in [&(event.len() as u64).to_le_bytes()[..], &event] {
             self.file.write_all(part)?;
             self.file.write_all(&masked_crc(part).to_le_bytes())?;
         }
@@ -146,21 +139,14 @@ impl Observer for TensorBoard {
     }
 }
 
-/// The second of the latest event file in a directory, by its name.
 fn latest_second(path: &Path) -> io::Result<Option<u64>> {
-    let mut latest = None;
-    for entry in fs::read_dir(path)? {
-        let name = entry?.file_name();
-        let second = name.to_str().and_then(|name| name.strip_prefix(TENSORBOARD_PREFIX)?.split('.').next());
-        if let Some(second) = second.and_then(|second| second.parse::<u64>().ok()) {
-            // A name that somebody has changed can hold any number.
-            latest = latest.max(Some(second.min(u64::MAX - 1)));
-        }
-    }
-    Ok(latest)
+    let names: Vec<_> = fs::read_dir(path)?.map(|entry| Ok(entry?.file_name())).collect::<io::Result<_>>()?;
+    let second =
+        |name: &OsString| name.to_str()?.strip_prefix(TENSORBOARD_PREFIX)?.split('.').next()?.parse().ok();
+    // A name that somebody has changed can hold any number.
+    Ok(names.iter().filter_map(second).map(|second: u64| second.min(u64::MAX - 1)).max())
 }
 
-/// Seconds since 1970.
 fn wall_time() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }
@@ -179,25 +165,10 @@ fn varint(message: &mut Vec<u8>, mut value: u64) {
     message.push(value as u8);
 }
 
-fn put_varint(message: &mut Vec<u8>, field: u64, value: u64) {
-    varint(message, field << 3);
-    varint(message, value);
-}
-
-fn put_double(message: &mut Vec<u8>, field: u64, value: f64) {
-    varint(message, field << 3 | 1);
-    message.extend(value.to_le_bytes());
-}
-
 fn put_bytes(message: &mut Vec<u8>, field: u64, bytes: &[u8]) {
     varint(message, field << 3 | 2);
     varint(message, bytes.len() as u64);
     message.extend(bytes);
-}
-
-fn put_float(message: &mut Vec<u8>, field: u64, value: f32) {
-    varint(message, field << 3 | 5);
-    message.extend(value.to_le_bytes());
 }
 
 #[cfg(test)]

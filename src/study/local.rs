@@ -4,20 +4,17 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
 
-use super::store::TrialWriter;
+use super::store::{CHECKPOINT, TrialWriter};
 use super::{Study, StudyDir, StudyError, Trial, Unended};
 use crate::config::Config;
 use crate::env::Make;
 
-/// The environments of a config.
 pub(crate) type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
 
 impl StudyDir {
     /// Runs these trials on `jobs` threads, in the environments that `make` gives for the configs, and shows each to `done` when it
-    /// ends. Once `stop` is set, no trial begins, and each unfinished trial writes a checkpoint from which it can be resumed.
-    ///
-    /// # Errors
-    /// When a trial cannot be written, which sets `stop`. A trial that diverges or is stopped is no error.
+    /// ends. Once `stop` is set, no trial begins, and each unfinished trial writes a checkpoint from which it can be resumed. A trial
+    /// that cannot be written sets it; one that diverges or is stopped is no error.
     pub fn run(
         &self,
         trials: &[(usize, u64)],
@@ -60,17 +57,16 @@ impl StudyDir {
         })
     }
 
-    /// Runs a trial, from its newest checkpoint if it has one.
     fn run_trial(&self, number: (usize, u64), make: &MakeFor, stop: &AtomicBool) -> Result<Trial, Unended> {
-        let named = &self.study().configs[number.0];
-        let (make, unfinished) = (make(&named.config), self.unfinished(number));
+        let named = &self.study.configs[number.0];
+        let (make, unfinished) = (make(&named.config), self.unfinished(number, CHECKPOINT));
         self.forget_last_try(number);
-        Trial::run(named, make, number.1, self.study().lasting, Some((&self.directory, &unfinished)), stop)
+        Trial::run(named, make, number.1, self.study.lasting, Some((&self.directory, &unfinished)), stop)
     }
 
     /// Runs the first trial and keeps nothing of it.
     pub(crate) fn try_first(&self, stop: &AtomicBool) -> Result<Trial, Unended> {
-        let Study { configs, seeds, lasting, .. } = self.study();
+        let Study { configs, seeds, lasting, .. } = &self.study;
         let named = &configs[0];
         Trial::run(named, named.config.make(), seeds.start, *lasting, None, stop)
     }

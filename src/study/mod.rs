@@ -14,25 +14,18 @@ use std::path::{Path, PathBuf};
 
 use crate::text::shown;
 
-pub use plan::FORMAT_VERSION;
 pub(crate) use plan::MAX_SEEDS;
-pub use plan::NamedConfig;
-pub use plan::Shard;
-pub use plan::Study;
+pub use plan::{FORMAT_VERSION, NamedConfig, Shard, Study};
 pub use store::StudyDir;
-pub(crate) use store::{Finished, LastTry, Omitted};
+pub(crate) use store::{Finished, Omitted};
 pub(crate) use trial::{Cause, LASTING_STEPS, PolicyScore, SCORE_EPISODES, Trial, TrialSummary, Unended};
 
-/// Why a study cannot be run or read.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
-    /// The directory or a file in it cannot be used.
     #[error("{0}")]
     Unusable(String),
-    /// A new study cannot be written into this directory.
     #[error("cannot write {}: {}; choose another --out", shown(.0), .1)]
     Unwritable(PathBuf, io::Error),
-    /// A trial cannot be written into this file or directory.
     #[error("cannot write {}: {}; when the problem is solved, the same command resumes the study", shown(.0), .1)]
     Write(PathBuf, io::Error),
 }

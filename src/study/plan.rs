@@ -17,33 +17,26 @@ use crate::files::{Directory, create_folders, is_unfinished, read_text_limited, 
 use crate::run::names::MANIFEST;
 use crate::text::excerpt;
 
-/// Version of the files of a study.
 pub const FORMAT_VERSION: u32 = 2;
 /// Most seeds of a study: a mistyped number must not fill the memory.
 pub(crate) const MAX_SEEDS: u64 = 1_000_000;
-/// Largest `study.json` that is read, in bytes.
 const MAX_FILE_SIZE: u64 = 1 << 26;
 
 /// What a study runs. Serialised it is the manifest, `study.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Study {
-    /// [`FORMAT_VERSION`].
     pub(crate) format_version: u32,
     /// The program's version: another one may train with other bits.
     pub(crate) version: String,
-    /// The configs, each with a name of its own.
     pub(crate) configs: Vec<NamedConfig>,
-    /// The seeds that each config is trained with.
     pub(crate) seeds: Range<u64>,
     /// Whether its trials test if policies last [`super::LASTING_STEPS`] steps.
     #[serde(rename = "endurance", default, skip_serializing_if = "std::ops::Not::not")]
     pub(crate) lasting: bool,
 }
 
-/// One config of a study.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct NamedConfig {
-    /// Its name in reports.
     pub name: String,
     /// The config; its seed is 0, and each trial puts its own there.
     pub config: Config,
@@ -52,10 +45,6 @@ pub struct NamedConfig {
 }
 
 impl NamedConfig {
-    /// The config in its own environment.
-    ///
-    /// # Errors
-    /// When the environment is a program that was not asked for its task.
     pub fn new(name: String, config: Config) -> Result<Self, EnvironmentError> {
         Ok(Self { name, task: config.environment.spec()?, config })
     }
@@ -75,7 +64,6 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// The whole study.
     pub const ALL: Self = Self { index: 0, count: 1 };
 }
 
@@ -83,9 +71,8 @@ impl FromStr for Shard {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let shard = text
-            .split_once('/')
-            .and_then(|(index, count)| Some(Self { index: index.parse().ok()?, count: count.parse().ok()? }));
+        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        let shard = parts.map(|(index, count)| Self { index, count });
         shard.filter(|shard| shard.index < shard.count).ok_or_else(|| {
             "expected I/N with integers, I from 0 to N − 1, for example 0/4, 1/4, 2/4 and 3/4".into()
         })
@@ -93,7 +80,6 @@ impl FromStr for Shard {
 }
 
 impl Study {
-    /// A study of configs with different names.
     pub fn new(mut configs: Vec<NamedConfig>, seeds: Range<u64>, lasting: bool) -> Self {
         configs.iter_mut().for_each(|named| named.config.seed = 0);
         let version = env!("CARGO_PKG_VERSION").into();
@@ -108,21 +94,16 @@ impl Study {
         all.skip(shard.index).step_by(shard.count)
     }
 
-    /// Whether one of its trials belongs to a part.
     pub(crate) fn is_in(&self, shard: Shard, (config, seed): (usize, u64)) -> bool {
         let number = u128::from(seed - self.seeds.start) * self.configs.len() as u128 + config as u128;
         number % shard.count as u128 == shard.index as u128
     }
 
-    /// How many trials the study has.
     pub(crate) fn total(&self) -> u64 {
         (self.configs.len() as u64).saturating_mul(self.seeds.end.saturating_sub(self.seeds.start))
     }
 
     /// The study in a directory, which another version of this program may have written.
-    ///
-    /// # Errors
-    /// When there is none, or it is of another format.
     pub fn read(path: &Path) -> Result<Self, StudyError> {
         let bad = |problem: String| StudyError::directory(path, problem);
         let manifest = read_manifest(path).map_err(bad)?;
@@ -144,7 +125,6 @@ impl Study {
         Ok(study)
     }
 
-    /// Checks that this program can continue the study.
     pub(super) fn check(&self) -> Result<(), String> {
         let (version, own) = (&self.version, env!("CARGO_PKG_VERSION"));
         if version != own {
@@ -163,30 +143,25 @@ impl Study {
     /// Writes the plan into the directory of a new study, or of the same study, which may have had fewer seeds.
     ///
     /// Two processes may do so at the same time: the second compares its plan with that of the first.
-    ///
-    /// # Errors
-    /// When there is something else in the directory, another study included, or it cannot be written.
     pub(super) fn write(&self, path: &Path) -> Result<(), StudyError> {
         let bad = |problem: String| StudyError::directory(path, problem);
         let unwritable = |source: io::Error| StudyError::Unwritable(path.into(), source);
         let manifest = path.join(MANIFEST);
         if is_free(path).map_err(bad)? {
             let made = create_folders(path).map_err(unwritable)?;
-            match Directory::open(path).and_then(|directory| directory.write_json_new(&manifest, self)) {
-                // Another process was faster; whether it runs the same study is seen below.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                written => written.map_err(|error| {
-                    remove_empty(&made);
-                    unwritable(error)
-                })?,
+            let written = Directory::open(path).and_then(|dir| dir.write_json_new(&manifest, self));
+            // Another process may have been faster; whether it runs the same study is seen below.
+            if let Err(error) = written
+                && error.kind() != io::ErrorKind::AlreadyExists
+            {
+                remove_empty(&made);
+                return Err(unwritable(error));
             }
         }
-        if self.has_more_seeds_than(&read_manifest(path).map_err(bad)?).map_err(bad)? {
-            Directory::open(path)
-                .and_then(|directory| directory.write_json(&manifest, self))
-                .map_err(unwritable)?;
+        match self.has_more_seeds_than(&read_manifest(path).map_err(bad)?).map_err(bad)? {
+            true => Directory::open(path).and_then(|dir| dir.write_json(&manifest, self)).map_err(unwritable),
+            false => Ok(()),
         }
-        Ok(())
     }
 
     /// Whether a study is the one of the manifest `found` with more seeds; an error if it is another study.
@@ -212,13 +187,12 @@ fn not_a_study(error: &dyn std::fmt::Display) -> String {
     format!("has a {MANIFEST} that does not describe a study: {error}")
 }
 
-/// Reads `study.json`, if it is of this format.
 fn read_manifest(path: &Path) -> Result<Value, String> {
-    let text =
-        read_text_limited(&path.join(MANIFEST), MAX_FILE_SIZE).map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound => format!("does not hold a study: it has no {MANIFEST}"),
-            _ => format!("has a {MANIFEST} that cannot be read: {error}"),
-        })?;
+    let unread = |error: io::Error| match error.kind() {
+        io::ErrorKind::NotFound => format!("does not hold a study: it has no {MANIFEST}"),
+        _ => format!("has a {MANIFEST} that cannot be read: {error}"),
+    };
+    let text = read_text_limited(&path.join(MANIFEST), MAX_FILE_SIZE).map_err(unread)?;
     let manifest: Value = serde_json::from_str(&text).map_err(|error| not_a_study(&error))?;
     match &manifest["format_version"] {
         version if *version == FORMAT_VERSION => Ok(manifest),
@@ -232,12 +206,11 @@ fn read_manifest(path: &Path) -> Result<Value, String> {
 
 /// Whether a new study can take the directory; an error if neither that nor a study is in it.
 fn is_free(path: &Path) -> Result<bool, String> {
-    let entries = match fs::read_dir(path) {
+    let entries = match fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
-        entries => entries.and_then(Iterator::collect::<io::Result<Vec<_>>>),
+        Err(error) => return Err(format!("cannot be used for a study: {error}; choose another --out")),
+        Ok(entries) => entries,
     };
-    let entries =
-        entries.map_err(|error| format!("cannot be used for a study: {error}; choose another --out"))?;
     if entries.iter().all(|entry| is_unfinished(&entry.file_name())) {
         Ok(true)
     } else if path.join(MANIFEST).is_file() {

@@ -12,7 +12,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::{Study, StudyError, Trial, TrialSummary};
-use crate::config::EnvironmentConfig;
 use crate::files::{Directory, open_ordinary, random_name, read_text_limited};
 use crate::run::names::MANIFEST;
 use crate::text::shown;
@@ -20,30 +19,27 @@ use crate::text::shown;
 const TRIALS: &str = "trials";
 const UNFINISHED: &str = "unfinished";
 const EXTENSION: &str = "jsonl";
-const CHECKPOINT: &str = "safetensors";
+pub(super) const CHECKPOINT: &str = "safetensors";
 const REASON: &str = "txt";
-/// Longest reason that is read, in bytes.
 const MAX_REASON: u64 = 1 << 16;
 /// Longest line that is read, in bytes.
 const MAX_LINE: u64 = 1 << 26;
-/// How much of a file is read at once, in bytes.
 const BUFFER: usize = 1 << 18;
 /// Longest time between two fsyncs; a power cut loses at most these trials.
 const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Takes a finished trial.
 type Each<'a> = dyn FnMut(Finished) -> Result<(), String> + 'a;
 
 /// The directory of a study, which any number of processes may use at the same time.
 #[derive(Debug)]
 pub struct StudyDir {
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// In which nothing is reached through a link.
     pub(super) directory: Directory,
-    study: Study,
+    /// What it runs. Its environments may need a permission to be started.
+    pub(crate) study: Study,
 }
 
-/// A finished trial, as a reader of the directory gets it.
 #[derive(Debug)]
 pub struct Finished {
     /// Index of its config.
@@ -51,29 +47,16 @@ pub struct Finished {
     pub(crate) trial: Trial<TrialSummary>,
 }
 
-/// What a reader of the finished trials is not shown.
 #[derive(Debug, Default)]
 pub struct Omitted {
     /// Notes on unfinished lines, and on trials with seeds that the study does not have.
     pub(crate) notes: Vec<String>,
-    /// The trials that have begun and have no line, in the order of config and seed.
-    pub(crate) last_tries: Vec<LastTry>,
-}
-
-/// How the last try of a trial without a line ended.
-#[derive(Debug)]
-pub(crate) struct LastTry {
-    /// Index of its config.
-    pub config: usize,
-    pub seed: u64,
-    pub(crate) reason: String,
+    /// The trials that have begun and have no line, in the order of config and seed, and how their last tries ended.
+    pub(crate) last_tries: Vec<(String, u64, String)>,
 }
 
 impl StudyDir {
     /// Makes the directory of a new study, or opens the directory of the same study, which may have had fewer seeds.
-    ///
-    /// # Errors
-    /// When there is something else in the directory, another study included, or it cannot be written.
     pub fn create(path: &Path, study: Study) -> Result<Self, StudyError> {
         if path.is_dir() {
             refuse_links(path)?;
@@ -82,10 +65,7 @@ impl StudyDir {
         Self::with(path, study)
     }
 
-    /// Opens the directory of a study to continue it.
-    ///
-    /// # Errors
-    /// When there is none, or another version of this program began it.
+    /// Opens the directory of a study to continue it, which only the version that began it can.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
         let study_dir = Self::open_to_read(path)?;
         refuse_links(path)?;
@@ -93,10 +73,6 @@ impl StudyDir {
         Ok(study_dir)
     }
 
-    /// Opens the directory of a study of any version.
-    ///
-    /// # Errors
-    /// When there is none.
     pub fn open_to_read(path: &Path) -> Result<Self, StudyError> {
         Self::with(path, Study::read(path)?)
     }
@@ -106,51 +82,29 @@ impl StudyDir {
         Ok(Self { path: path.into(), directory, study })
     }
 
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// What the study runs.
-    pub(crate) fn study(&self) -> &Study {
-        &self.study
-    }
-
-    /// The environments of its configs, which may need a permission to be started.
-    pub(crate) fn environments_mut(&mut self) -> impl Iterator<Item = &mut EnvironmentConfig> {
-        self.study.configs.iter_mut().map(|named| &mut named.config.environment)
-    }
-
-    /// The newest checkpoint of a trial without a line.
-    pub(super) fn unfinished(&self, trial: (usize, u64)) -> PathBuf {
-        self.unfinished_file(trial, CHECKPOINT)
-    }
-
-    fn unfinished_file(&self, (config, seed): (usize, u64), extension: &str) -> PathBuf {
+    /// The newest checkpoint of a trial without a line, or the reason why its last try ended.
+    pub(super) fn unfinished(&self, (config, seed): (usize, u64), extension: &str) -> PathBuf {
         self.path.join(UNFINISHED).join(format!("{config}-{seed}.{extension}"))
     }
 
     /// Records why a try ended. An error is ignored: the process has printed the reason, and the trial is missing either way.
     pub(super) fn record_last_try(&self, trial: (usize, u64), reason: &str) {
-        let path = self.unfinished_file(trial, REASON);
-        let written = self
-            .directory
-            .create_dir(&self.path.join(UNFINISHED))
-            .and_then(|_| self.directory.write_whole(&path, None, |file| file.write_all(reason.as_bytes())));
-        drop(written);
+        let path = self.unfinished(trial, REASON);
+        let made = self.directory.create_dir(&self.path.join(UNFINISHED));
+        let write = |_| self.directory.write_whole(&path, None, |file| file.write_all(reason.as_bytes()));
+        drop(made.and_then(write));
     }
 
-    /// Removes the reason of the try before.
     pub(super) fn forget_last_try(&self, trial: (usize, u64)) {
-        let _ = self.directory.remove_file(&self.unfinished_file(trial, REASON));
+        let _ = self.directory.remove_file(&self.unfinished(trial, REASON));
     }
 
     /// Removes the checkpoint and the reason of a trial that has its line now.
     pub(super) fn forget_unfinished(&self, trial: (usize, u64)) {
         self.forget_last_try(trial);
-        let _ = self.directory.remove_file(&self.unfinished(trial));
+        let _ = self.directory.remove_file(&self.unfinished(trial, CHECKPOINT));
     }
 
-    /// The trials with a checkpoint or a reason.
     fn kept(&self) -> BTreeSet<(usize, u64)> {
         let trial = |entry: io::Result<fs::DirEntry>| {
             let path = entry.ok()?.path();
@@ -168,10 +122,8 @@ impl StudyDir {
         let unfinished = self.path.join(UNFINISHED);
         if unfinished.is_dir() {
             let found = self.read_all(&mut |_| Ok(()))?.found;
-            self.kept()
-                .into_iter()
-                .filter(|trial| found.contains_key(trial))
-                .for_each(|trial| self.forget_unfinished(trial));
+            let done = self.kept().into_iter().filter(|trial| found.contains_key(trial));
+            done.for_each(|trial| self.forget_unfinished(trial));
             if found.len() as u64 == self.study.total() {
                 let _ = self.directory.remove_unfinished(&unfinished);
                 let _ = self.directory.remove_dir(&unfinished);
@@ -180,10 +132,7 @@ impl StudyDir {
         Ok(())
     }
 
-    /// Shows `each` every finished trial once, in no particular order, and returns the rest.
-    ///
-    /// # Errors
-    /// When a line is not a trial of this study, when `each` fails, or when two lines of one trial differ.
+    /// Shows `each` every finished trial once, in no particular order, and returns the rest. Two lines of one trial must be equal.
     pub fn read(&self, mut each: impl FnMut(Finished) -> Result<(), String>) -> Result<Omitted, StudyError> {
         let Reader { mut notes, found, others, circumstances, .. } = self.read_all(&mut each)?;
         if others > 0 {
@@ -196,38 +145,39 @@ impl StudyDir {
             ));
         }
         let reason = |trial| {
-            read_text_limited(&self.unfinished_file(trial, REASON), MAX_REASON)
+            read_text_limited(&self.unfinished(trial, REASON), MAX_REASON)
                 .unwrap_or_else(|_| "it is still being trained, or its process was killed".into())
         };
-        let kept = self.kept().into_iter().filter(|trial| !found.contains_key(trial));
-        let kept = kept
-            .filter(|(config, seed)| *config < self.study.configs.len() && self.study.seeds.contains(seed));
-        let last_tries =
-            kept.map(|trial| LastTry { config: trial.0, seed: trial.1, reason: reason(trial) }).collect();
+        let is_missing = |trial: &(usize, u64)| {
+            let (config, seed) = trial;
+            !found.contains_key(trial)
+                && *config < self.study.configs.len()
+                && self.study.seeds.contains(seed)
+        };
+        let name = |config: usize| self.study.configs[config].name.clone();
+        let last_try = |(config, seed)| (name(config), seed, reason((config, seed)));
+        let last_tries = self.kept().into_iter().filter(is_missing).map(last_try).collect();
         Ok(Omitted { notes, last_tries })
     }
 
     fn read_all(&self, each: &mut Each) -> Result<Reader<'_>, StudyError> {
         let trials = self.path.join(TRIALS);
-        let files = self.files().map_err(|error| StudyError::unreadable(&trials, &error))?;
-        let mut reader = Reader::new(files, &self.study);
+        let paths =
+            fs::read_dir(&trials).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
+        let mut files: Vec<PathBuf> = match paths {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+            paths => paths.map_err(|error| StudyError::unreadable(&trials, &error))?,
+        };
+        files.retain(|path| path.extension().is_some_and(|extension| extension == EXTENSION));
+        files.sort();
+        let names = self.study.configs.iter().enumerate();
+        let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
+        let (study, found, notes) = (&self.study, HashMap::new(), Vec::new());
+        let mut reader = Reader { files, study, configs, found, notes, others: 0, circumstances: 0 };
         for file in 0..reader.files.len() {
             reader.read(file, each)?;
         }
         Ok(reader)
-    }
-
-    /// The files of trials, by name.
-    fn files(&self) -> io::Result<Vec<PathBuf>> {
-        let entries = match fs::read_dir(self.path.join(TRIALS)) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-            entries => entries?,
-        };
-        let paths: io::Result<Vec<PathBuf>> = entries.map(|entry| Ok(entry?.path())).collect();
-        let mut paths = paths?;
-        paths.retain(|path| path.extension().is_some_and(|extension| extension == EXTENSION));
-        paths.sort();
-        Ok(paths)
     }
 }
 
@@ -235,17 +185,15 @@ impl StudyDir {
 fn refuse_links(path: &Path) -> Result<(), StudyError> {
     let check = || {
         let directory = Directory::open(path)?;
-        let unfinished = path.join(UNFINISHED);
-        for path in [path.join(MANIFEST), path.join(TRIALS), unfinished.clone()] {
-            directory.refuse_link(&path)?;
+        for name in [MANIFEST, TRIALS, UNFINISHED] {
+            directory.refuse_link(&path.join(name))?;
         }
-        let mut kept = fs::read_dir(unfinished).into_iter().flatten();
+        let mut kept = fs::read_dir(path.join(UNFINISHED)).into_iter().flatten();
         kept.try_for_each(|entry| directory.refuse_link(&entry?.path()))
     };
     check().map_err(|error| StudyError::directory(path, format!("cannot be used for a study: {error}")))
 }
 
-/// Reads the files of a study one after the other.
 struct Reader<'a> {
     files: Vec<PathBuf>,
     study: &'a Study,
@@ -253,19 +201,12 @@ struct Reader<'a> {
     /// Where each trial was found first: index of the file, and the line's offset in bytes.
     found: HashMap<(usize, u64), (usize, u64)>,
     notes: Vec<String>,
-    /// Trials with other seeds than the study's.
     others: u64,
     /// Lines that are no results.
     circumstances: u64,
 }
 
-impl<'a> Reader<'a> {
-    fn new(files: Vec<PathBuf>, study: &'a Study) -> Self {
-        let names = study.configs.iter().enumerate();
-        let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
-        Self { files, study, configs, found: HashMap::new(), notes: Vec::new(), others: 0, circumstances: 0 }
-    }
-
+impl Reader<'_> {
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
         let path = self.files[file].clone();
         let unreadable = |error: io::Error| StudyError::unreadable(&path, &error);
@@ -374,15 +315,13 @@ impl TrialWriter {
 
     /// Appends a trial. After an error the file ends in the middle of a line, and nothing may follow.
     pub(super) fn append(&mut self, trial: &Trial) -> Result<(), StudyError> {
-        self.try_append(trial).map_err(|error| StudyError::Write(self.path.clone(), error))
-    }
-
-    fn try_append(&mut self, trial: &Trial) -> io::Result<()> {
-        let mut line = serde_json::to_vec(trial)?;
-        line.push(b'\n');
         self.is_empty = false;
-        self.file.write_all(&line)?;
-        if self.synced.elapsed() < SYNC_INTERVAL { Ok(()) } else { self.sync() }
+        let written = serde_json::to_vec(trial).map_err(io::Error::from).and_then(|mut line| {
+            line.push(b'\n');
+            self.file.write_all(&line)?;
+            if self.synced.elapsed() < SYNC_INTERVAL { Ok(()) } else { self.sync() }
+        });
+        written.map_err(|error| StudyError::Write(self.path.clone(), error))
     }
 
     fn sync(&mut self) -> io::Result<()> {

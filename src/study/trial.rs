@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::NamedConfig;
 use crate::agent::Policy;
 use crate::config::Config;
-use crate::env::{EnvironmentError, Make, Spec};
+use crate::env::{Make, Spec};
 use crate::files::Directory;
 use crate::run::Checkpoint;
 use crate::text::shown;
@@ -44,10 +44,8 @@ pub struct Trial<S = Value> {
     pub evaluations: Vec<Evaluation>,
 }
 
-/// What readers of a study need of a summary.
 #[derive(Debug, Deserialize)]
 pub(crate) struct TrialSummary {
-    /// Why the run ended.
     pub(crate) end_reason: Option<EndReason>,
 }
 
@@ -67,22 +65,6 @@ pub(crate) struct PolicyScore {
     pub(crate) lasts: Option<bool>,
 }
 
-impl PolicyScore {
-    fn new(
-        policy: &Policy,
-        make: &Make,
-        spec: &Spec,
-        env_steps: u64,
-        lasting: bool,
-    ) -> Result<Self, EnvironmentError> {
-        let played = evaluate(policy, make, spec.max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
-        let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
-        let Score { mean, std, min, median, max, .. } = Score::new(&returns);
-        let lasts = lasting.then(|| lasts(policy, make, LASTING_STEPS)).transpose()?;
-        Ok(Self { env_steps, mean, std, min, median, max, lasts })
-    }
-}
-
 /// What an interrupted trial has besides the tensors of its run: the header of its checkpoint.
 #[derive(Serialize, Deserialize)]
 struct TrialHeader {
@@ -92,7 +74,6 @@ struct TrialHeader {
     evaluations: Vec<Evaluation>,
 }
 
-/// A try that has not come to its end.
 #[derive(Debug, thiserror::Error)]
 #[error("{config}, seed {seed}: {cause}")]
 pub struct Unended {
@@ -103,21 +84,12 @@ pub struct Unended {
     pub(crate) is_kept: bool,
 }
 
-/// What ends a try without a result.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Cause {
-    /// It was asked to stop.
     #[error("stopped by a signal or --time-limit after step {0}")]
     Stopped(u64),
-    /// The environment failed, or a checkpoint could not be written.
     #[error(transparent)]
     Failed(#[from] TrainError),
-}
-
-impl From<EnvironmentError> for Cause {
-    fn from(error: EnvironmentError) -> Self {
-        Self::Failed(error.into())
-    }
 }
 
 impl<S> Trial<S> {
@@ -139,24 +111,21 @@ impl<S> Trial<S> {
 }
 
 impl Trial {
-    /// Trains the config with the seed and scores what it came to. The file `unfinished` has the newest checkpoint of a try
+    /// Trains the config with the seed and scores what it came to. The file at `place` has the newest checkpoint of a try
     /// that did not end, and this one resumes it.
     pub(super) fn run(
         named: &NamedConfig,
         make: Arc<Make>,
         seed: u64,
         lasting: bool,
-        unfinished: Option<(&Directory, &Path)>,
+        place: Option<(&Directory, &Path)>,
         stop: &AtomicBool,
     ) -> Result<Self, Unended> {
-        let mut config = named.config.clone();
-        config.seed = seed;
-        let mut keeper =
-            Keeper { config: &config, place: unfinished, evaluations: Vec::new(), is_kept: false };
-        Self::try_run(&named.name, make, lasting, &mut keeper, stop).map_err(|cause| {
-            let is_kept = keeper.is_kept;
-            Unended { config: named.name.clone(), seed, cause, is_kept }
-        })
+        let config = Config { seed, ..named.config.clone() };
+        let mut keeper = Keeper { config: &config, place, evaluations: Vec::new(), is_kept: false };
+        let ended = Self::try_run(&named.name, make, lasting, &mut keeper, stop);
+        let is_kept = keeper.is_kept;
+        ended.map_err(|cause| Unended { config: named.name.clone(), seed, cause, is_kept })
     }
 
     fn try_run(
@@ -169,7 +138,7 @@ impl Trial {
         let config = keeper.config;
         let mut trainer = match keeper.resume(&make)? {
             Some(trainer) => trainer,
-            None => config.make_trainer_in(Arc::clone(&make))?,
+            None => config.make_trainer_in(Arc::clone(&make)).map_err(TrainError::from)?,
         };
         let ended = match trainer.run(keeper, stop) {
             Ok(EndReason::Interrupted) => {
@@ -181,37 +150,34 @@ impl Trial {
             Err(error) => return Err(error.into()),
         };
         let progress = trainer.progress();
-        let score = |policy: &Policy, evaluation: Evaluation| {
-            PolicyScore::new(policy, &*make, trainer.spec(), evaluation.env_steps, lasting)
+        let score = |policy: &Policy, Evaluation { env_steps, .. }| -> Result<_, TrainError> {
+            let max_steps = trainer.spec().max_steps;
+            let played = evaluate(policy, &*make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
+            let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
+            let Score { mean, std, min, median, max, .. } = Score::new(&returns);
+            let lasts = lasting.then(|| lasts(policy, &*make, LASTING_STEPS)).transpose()?;
+            Ok(PolicyScore { env_steps, mean, std, min, median, max, lasts })
         };
         let best = trainer.best_policy().zip(progress.best_evaluation);
         let best = best.map(|(policy, evaluation)| score(policy, evaluation)).transpose()?;
-        let mut trial = Self {
-            config: name.to_owned(),
-            seed: config.seed,
-            error: None,
-            summary: None,
-            best,
-            final_: None,
-            evaluations: keeper.evaluations.clone(),
-        };
-        match ended {
-            Err(error) => trial.error = Some(error),
-            Ok(reason) => {
-                trial.final_ = match progress.last_evaluation {
-                    // One policy needs one score.
-                    last if last == progress.best_evaluation => trial.best.clone(),
-                    last => last.map(|last| score(&trainer.agent().policy(), last)).transpose()?,
-                };
-                let mut summary = json!(trainer.summary(reason, 0.0));
-                summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
-                trial.summary = Some(summary);
+        let (config, seed, evaluations) = (name.to_owned(), config.seed, keeper.evaluations.clone());
+        let reason = match ended {
+            Err(error) => {
+                let error = Some(error);
+                return Ok(Self { config, seed, error, summary: None, best, final_: None, evaluations });
             }
-        }
-        Ok(trial)
+            Ok(reason) => reason,
+        };
+        let final_ = match progress.last_evaluation {
+            // One policy needs one score.
+            last if last == progress.best_evaluation => best.clone(),
+            last => last.map(|last| score(&trainer.agent().policy(), last)).transpose()?,
+        };
+        let mut summary = json!(trainer.summary(reason, 0.0));
+        summary.as_object_mut().map(|fields| fields.shift_remove("wall_seconds"));
+        Ok(Self { config, seed, error: None, summary: Some(summary), best, final_, evaluations })
     }
 
-    /// Whether the final policy solves the task.
     pub(crate) fn solved(&self, spec: &Spec) -> bool {
         self.final_.as_ref().is_some_and(|score| spec.is_solved_by(score.mean))
     }
@@ -221,10 +187,8 @@ impl Trial {
 /// is due. The built-in environments cannot, and their trials are short: these keep one when they are stopped.
 struct Keeper<'a> {
     config: &'a Config,
-    /// None where nothing is to be kept.
     place: Option<(&'a Directory, &'a Path)>,
     evaluations: Vec<Evaluation>,
-    /// Whether the file is there.
     is_kept: bool,
 }
 
@@ -260,7 +224,7 @@ impl Keeper<'_> {
     }
 
     /// The run of an earlier try, if its file is there and whole.
-    fn resume(&mut self, make: &Arc<Make>) -> Result<Option<Trainer>, EnvironmentError> {
+    fn resume(&mut self, make: &Arc<Make>) -> Result<Option<Trainer>, TrainError> {
         let Some(checkpoint) = self.place.and_then(|(_, path)| Checkpoint::read(path).ok()) else {
             return Ok(None);
         };
@@ -274,7 +238,7 @@ impl Keeper<'_> {
                 self.evaluations = evaluations;
                 Ok(Some(trainer))
             }
-            Err(ResumeError::Environment(error)) => Err(error),
+            Err(ResumeError::Environment(error)) => Err(error.into()),
             Err(_) => {
                 self.is_kept = false;
                 Ok(None)

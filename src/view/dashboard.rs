@@ -17,14 +17,12 @@ use crate::trainer::{Budget, EVALUATION_SEED, Event};
 
 const KEYS: &str = "+/- pace  f full speed  space pause  q stop, with a checkpoint";
 const KEYS_AT_THE_END: &str = "q close";
-/// How long the end of an episode stays.
 const REST: Duration = Duration::from_millis(500);
 
 /// Points over environment steps; when there are many, every second one goes.
 #[derive(Default)]
 struct Series {
     points: Vec<(f64, f64)>,
-    /// Only every so-many-th point is kept.
     every: u64,
     pushed: u64,
     latest: Option<f64>,
@@ -41,11 +39,7 @@ impl Series {
         }
         self.pushed += 1;
         if self.points.len() == Self::MOST {
-            let mut index = 0;
-            self.points.retain(|_| {
-                index += 1;
-                index % 2 == 1
-            });
+            self.points = self.points.iter().copied().step_by(2).collect();
             self.every *= 2;
         }
     }
@@ -67,7 +61,6 @@ impl Series {
     }
 }
 
-/// The statistics that are shown.
 fn statistics() -> impl Iterator<Item = &'static Statistic> {
     STATISTICS.iter().filter(|statistic| !statistic.label.is_empty())
 }
@@ -92,7 +85,7 @@ pub(super) struct Dashboard {
     /// When and at which step the speed was last measured, and what it was, in steps per second.
     measured: (Instant, u64),
     speed: f64,
-    ended: bool,
+    pub(super) ended: bool,
 }
 
 impl Dashboard {
@@ -115,10 +108,6 @@ impl Dashboard {
             speed: 0.0,
             ended: false,
         }
-    }
-
-    pub(super) fn ended(&self) -> bool {
-        self.ended
     }
 
     pub(super) fn set_policy(&mut self, policy: &Policy) {
@@ -180,7 +169,6 @@ impl Dashboard {
         }
     }
 
-    /// Draws everything; `status` says how the run goes.
     pub(super) fn draw(&self, frame: &mut Frame<'_>, status: &str) {
         let [title, progress, pictures, diagnostics, keys] = Layout::vertical([
             Constraint::Length(1),
@@ -264,22 +252,18 @@ impl Dashboard {
             Layout::horizontal([Constraint::Fill(1); 2]).spacing(2).areas(block.inner(area));
         frame.render_widget(block, area);
         let own = [("ε", &self.epsilon), ("loss", &self.loss)];
-        let lines: Vec<Line<'_>> = own
-            .into_iter()
-            .chain(self.known())
-            .map(|(name, series)| {
-                let latest = series.latest.map_or_else(|| "-".into(), short);
-                let width = usize::from(columns[0].width).saturating_sub(27);
-                Line::from(vec![format!("{name:<17}{latest:>8}  ").into(), series.sparkline(width).cyan()])
-            })
-            .collect();
+        let width = usize::from(columns[0].width).saturating_sub(27);
+        let line = |(name, series): (&str, &Series)| {
+            let latest = series.latest.map_or_else(|| "-".into(), short);
+            Line::from(vec![format!("{name:<17}{latest:>8}  ").into(), series.sparkline(width).cyan()])
+        };
+        let lines: Vec<Line<'_>> = own.into_iter().chain(self.known()).map(line).collect();
         for (column, lines) in columns.into_iter().zip(lines.chunks(lines.len().div_ceil(2))) {
             frame.render_widget(Paragraph::new(lines.to_vec()), column);
         }
     }
 }
 
-/// A number in at most eight characters.
 fn short(value: f64) -> String {
     match value.abs() {
         size if size == 0.0 || (0.001..1.0).contains(&size) => format!("{value:.4}"),

@@ -51,9 +51,6 @@ enum Message {
 impl Live {
     /// Opens the view of a run that has done so many steps. The first quit stops the run after its current step; a second one
     /// restores the terminal and calls `end_process`.
-    ///
-    /// # Errors
-    /// There is no terminal, it is too small, or it fails.
     pub fn open(
         name: &str,
         environment: Box<dyn Environment>,
@@ -65,37 +62,23 @@ impl Live {
     ) -> Result<Self, NoView> {
         let screen = Screen::open()?;
         let shared = Arc::new(Shared::new(pace, environment.spec().steps_per_second, env_steps));
-        close_in_panic(&shared);
-        let (messages, inbox) = channel();
-        let view = View {
-            screen,
-            dashboard: Dashboard::new(name, environment, budget),
-            inbox,
-            shared: Arc::clone(&shared),
-            interrupts: interrupts.clone(),
-            asked: None,
-            _closed: Closed(interrupts.clone()),
-        };
+        close_in_panic(Arc::clone(&shared));
+        let ((messages, inbox), dashboard) = (channel(), Dashboard::new(name, environment, budget));
+        let (_closed, interrupts, asked) = (Closed(interrupts.clone()), interrupts.clone(), None);
+        let stop = Arc::clone(&interrupts.stop);
+        let view = View { screen, dashboard, inbox, shared: Arc::clone(&shared), interrupts, asked, _closed };
         let view = thread::Builder::new().name("view".into()).spawn(|| {
             if view.run()? {
                 end_process();
             }
             Ok(())
         })?;
-        Ok(Self {
-            messages,
-            pacer: Pacer::new(env_steps),
-            shared,
-            stop: Arc::clone(&interrupts.stop),
-            ended: false,
-            view: Some(view),
-        })
+        Ok(Self { messages, pacer: Pacer::new(env_steps), shared, stop, ended: false, view: Some(view) })
     }
 }
 
 /// The screen that the panic of another thread has restored must stay so.
-fn close_in_panic(shared: &Arc<Shared>) {
-    let shared = Arc::clone(shared);
+fn close_in_panic(shared: Arc<Shared>) {
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         shared.closing.store(true, Ordering::SeqCst);
@@ -129,49 +112,49 @@ impl Drop for Live {
     }
 }
 
-/// The thread's half.
 struct View {
     screen: Screen,
     dashboard: Dashboard,
     inbox: Receiver<Message>,
     shared: Arc<Shared>,
     interrupts: Interrupts,
-    /// When somebody first wanted to quit.
     asked: Option<Instant>,
     /// The last field, because it must be dropped after the screen.
     _closed: Closed,
 }
 
 impl View {
-    /// Shows the run until there is nothing more to show. The result is whether somebody does not want to wait for the end of
-    /// the step.
+    /// Shows the run until there is nothing more to show, or until somebody does not want to wait for the end of the step: true.
     fn run(mut self) -> io::Result<bool> {
         let mut last = Instant::now();
         loop {
-            self.take_messages();
+            for message in self.inbox.try_iter() {
+                match message {
+                    Message::Event(event) => self.dashboard.take(&event),
+                    Message::Policy(policy) => self.dashboard.set_policy(&policy),
+                }
+            }
             if self.interrupts.arrived.swap(false, Ordering::Relaxed) && self.quit(Duration::ZERO) {
                 return Ok(true);
             }
             let stopped = self.interrupts.stop.load(Ordering::Relaxed);
-            if self.shared.closing.load(Ordering::SeqCst) || (stopped && self.dashboard.ended()) {
+            if self.shared.closing.load(Ordering::SeqCst) || (stopped && self.dashboard.ended) {
                 return Ok(false);
             }
             self.dashboard.advance(last.elapsed(), self.shared.allowed_steps.load(Ordering::Relaxed));
             last = Instant::now();
             let status = match self.shared.pace() {
-                _ if self.dashboard.ended() => "finished".into(),
+                _ if self.dashboard.ended => "finished".into(),
                 _ if stopped => "stopping; q again ends at once".into(),
                 (pace, true) => format!("paused at {pace}"),
                 (pace, false) => pace.to_string(),
             };
             self.screen.draw(|frame| self.dashboard.draw(frame, &status))?;
             while let Some(key) = self.screen.key((2 * FRAME).saturating_sub(last.elapsed()))? {
-                if is_quit(key) {
-                    if self.quit(HELD) {
-                        return Ok(true);
-                    }
-                } else {
-                    self.press(key);
+                match is_quit(key) {
+                    true if self.quit(HELD) => return Ok(true),
+                    true => {}
+                    false => self.press(key),
                 }
             }
         }
@@ -183,15 +166,6 @@ impl View {
         let again = self.asked.is_some_and(|asked| asked.elapsed() >= ago);
         self.asked.get_or_insert_with(Instant::now);
         again
-    }
-
-    fn take_messages(&mut self) {
-        for message in self.inbox.try_iter() {
-            match message {
-                Message::Event(event) => self.dashboard.take(&event),
-                Message::Policy(policy) => self.dashboard.set_policy(&policy),
-            }
-        }
     }
 
     fn press(&self, key: KeyEvent) {

@@ -29,7 +29,6 @@ pub(crate) use live::{Interrupts, Live};
 pub(crate) use pace::Pace;
 pub(crate) use watch::watch;
 
-/// The smallest terminal that a view fits in.
 const SMALLEST: Size = Size { width: 70, height: 20 };
 /// The largest area that a view draws to, however large the terminal claims to be: a view takes memory for every cell.
 const LARGEST: Size = Size { width: 500, height: 200 };
@@ -41,7 +40,6 @@ fn whole(value: f64) -> String {
     if value.fract() == 0.0 { value.to_string() } else { format!("{value:.1}") }
 }
 
-/// As many texts, each whole, as fit into so many columns.
 fn fitting(texts: impl Iterator<Item = String>, columns: usize) -> String {
     let mut shown = String::new();
     for text in texts {
@@ -53,33 +51,26 @@ fn fitting(texts: impl Iterator<Item = String>, columns: usize) -> String {
     shown
 }
 
-/// Why there is no view.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum NoView {
-    /// Input or output goes somewhere else.
     #[error(
         "this view needs a terminal as standard input and output; `train` without --live shows its progress anywhere, \
          and `render` draws an episode into a file"
     )]
     NoTerminal,
-    /// It can only print lines.
     #[error(
         "this view draws on the terminal, and TERM=dumb says that the terminal cannot do that; `train` alone shows its \
          progress anywhere, and `render` draws an episode into a file"
     )]
     Dumb,
-    /// The terminal cannot hold it.
     #[error("the terminal has {} × {} characters, and {} × {} are needed; make it larger", .0.width, .0.height, SMALLEST.width, SMALLEST.height)]
     TooSmall(Size),
-    /// The environment failed.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
-    /// The terminal does not do what it is told.
     #[error("the terminal cannot be used: {0}")]
     Terminal(#[from] io::Error),
 }
 
-/// Makes sure that a view can be opened.
 pub(crate) fn check_terminal() -> Result<(), NoView> {
     if [io::stdin().is_terminal(), io::stdout().is_terminal()].contains(&false) {
         return Err(NoView::NoTerminal);
@@ -101,7 +92,6 @@ struct Screen {
     keys: Receiver<KeyEvent>,
 }
 
-/// The part of the terminal that a view draws to.
 fn drawn_area((width, height): (u16, u16)) -> Rect {
     Rect::new(0, 0, width.min(LARGEST.width), height.min(LARGEST.height))
 }
@@ -155,7 +145,6 @@ impl Screen {
         Ok(())
     }
 
-    /// The next key that is pressed within `time`.
     fn key(&self, time: Duration) -> io::Result<Option<KeyEvent>> {
         match self.keys.recv_timeout(time) {
             Ok(key) => Ok(Some(key)),
@@ -175,7 +164,6 @@ impl Drop for Screen {
     }
 }
 
-/// `q`, Esc or Ctrl-C.
 fn is_quit(key: KeyEvent) -> bool {
     let control = key.modifiers.contains(KeyModifiers::CONTROL);
     matches!((key.code, control), (KeyCode::Char('q') | KeyCode::Esc, _) | (KeyCode::Char('c'), true))

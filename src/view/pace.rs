@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 pub(crate) struct Pace(f64);
 
 impl Pace {
-    /// As fast as it goes.
     pub(crate) const FULL: Self = Self(f64::INFINITY);
     const SLOWEST: f64 = 0.01;
     const FASTEST: f64 = 1000.0;
@@ -45,26 +44,19 @@ impl fmt::Display for Pace {
 }
 
 /// What the view and the run tell each other beside the events.
-#[derive(Debug)]
 pub(super) struct Shared {
     /// Bits of the [`Pace`], negative while it pauses.
     pace: AtomicU64,
     /// Environment steps that the pace has allowed.
     pub(super) allowed_steps: AtomicU64,
-    /// The view is to close.
     pub(super) closing: AtomicBool,
-    /// Steps in a second of simulated time.
     steps_per_second: f64,
 }
 
 impl Shared {
     pub(super) fn new(pace: Pace, steps_per_second: f64, env_steps: u64) -> Self {
-        Self {
-            pace: AtomicU64::new(pace.0.to_bits()),
-            allowed_steps: AtomicU64::new(env_steps),
-            closing: AtomicBool::new(false),
-            steps_per_second,
-        }
+        let [pace, allowed_steps] = [pace.0.to_bits(), env_steps].map(AtomicU64::new);
+        Self { pace, allowed_steps, closing: AtomicBool::new(false), steps_per_second }
     }
 
     pub(super) fn pace(&self) -> (Pace, bool) {
@@ -78,8 +70,6 @@ impl Shared {
     }
 }
 
-/// Holds a run back to its pace.
-#[derive(Debug)]
 pub(super) struct Pacer {
     /// Environment steps that the pace has allowed, a share of a step included.
     allowed: f64,
@@ -87,14 +77,12 @@ pub(super) struct Pacer {
 }
 
 impl Pacer {
-    /// For a run that has done so many steps.
     pub(super) fn new(env_steps: u64) -> Self {
         Self { allowed: env_steps as f64, last: Instant::now() }
     }
 
     /// Waits until the pace allows `env_steps`, or `stop` is set.
     pub(super) fn wait(&mut self, env_steps: u64, shared: &Shared, stop: &AtomicBool) {
-        /// How soon a change is noticed.
         const SLICE: Duration = Duration::from_millis(10);
         let goal = env_steps as f64;
         loop {

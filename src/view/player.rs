@@ -18,9 +18,7 @@ pub(super) struct Player {
     policy: Greedy,
     environment: Box<dyn Environment>,
     observation: Vec<f32>,
-    /// Gymnasium's seed of the episode.
     pub(super) seed: u64,
-    /// Steps of the episode so far, and the sum of their rewards.
     pub(super) steps: u64,
     pub(super) total: f64,
     /// What the policy chooses next.
@@ -29,13 +27,10 @@ pub(super) struct Player {
     pub(super) q_values: Vec<f32>,
     /// An action that somebody else has chosen, for as many steps.
     pub(super) push: Option<(usize, u32)>,
-    /// Whether there was one in this episode.
     pub(super) pushed: bool,
-    /// The last step of the episode.
     pub(super) end: Option<Outcome>,
     /// The returns of the episodes that have ended, and whether there was a push.
     pub(super) returns: Vec<(f64, bool)>,
-    /// The range of the Q-values in this episode.
     pub(super) q_range: (f32, f32),
     /// Steps that are due, and how long the end of the episode has stayed.
     due: f64,
@@ -43,8 +38,6 @@ pub(super) struct Player {
 }
 
 impl Player {
-    /// # Errors
-    /// When the environment fails, here and below.
     pub(super) fn new(
         policy: Greedy,
         environment: Box<dyn Environment>,
@@ -75,7 +68,6 @@ impl Player {
         self.environment.spec()
     }
 
-    /// Starts the episode of a seed.
     pub(super) fn start(&mut self, seed: u64) -> Result<(), EnvironmentError> {
         self.environment.reset(Start::Seed(seed), &mut self.observation)?;
         (self.seed, self.steps, self.total) = (seed, 0, 0.0);
@@ -86,7 +78,6 @@ impl Player {
         Ok(())
     }
 
-    /// Lets another policy play from here.
     pub(super) fn set_policy(&mut self, policy: Greedy) {
         self.policy = policy;
         self.see();
@@ -125,7 +116,6 @@ impl Player {
         self.pushed = true;
     }
 
-    /// One step; none after the end.
     pub(super) fn step(&mut self) -> Result<(), EnvironmentError> {
         if self.end.is_some() {
             return Ok(());
@@ -154,7 +144,6 @@ impl Player {
         frame.render_widget(Paragraph::new(lines).block(block), area);
     }
 
-    /// What an action is called.
     pub(super) fn name_of(&self, action: usize) -> &str {
         self.spec().actions.get(action).map_or("", String::as_str)
     }
@@ -165,7 +154,6 @@ impl Player {
         Some(if end.terminated { self.environment.ending() } else { "time limit" })
     }
 
-    /// What the agent sees.
     pub(super) fn state(&self) -> Vec<f64> {
         self.observation.iter().copied().map(f64::from).collect()
     }

@@ -18,16 +18,11 @@ use crate::text::{shortened, width};
 
 /// Simulated time per time; 1 is the middle.
 const SPEEDS: [f64; 9] = [0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
-/// How long the end of an episode stays.
 const REST: Duration = Duration::from_millis(1500);
 const KEYS: &str = " act  space pause  s step  n next seed  r again  +/- speed  q quit";
-/// Most actions whose values are shown.
 const MAX_VALUES: usize = 6;
 
 /// Plays a policy's episodes from the seeds `seed`, `seed + 1`, … until somebody quits or `stop` is set.
-///
-/// # Errors
-/// There is no terminal, it is too small, or it or the environment fails.
 pub(crate) fn watch(
     policy: Greedy,
     environment: Box<dyn Environment>,
@@ -72,7 +67,6 @@ impl Watch {
         Ok(Self { name: name.into(), player, speed: SPEEDS.len() / 2, paused: false })
     }
 
-    /// Lets time pass.
     fn advance(&mut self, time: Duration) -> Result<(), EnvironmentError> {
         if self.paused { Ok(()) } else { self.player.advance(time, SPEEDS[self.speed], REST) }
     }
@@ -112,9 +106,8 @@ impl Watch {
         .areas(frame.area());
         let name = format!(" {}", self.name);
         frame.render_widget(Line::from(vec!["watch".bold(), name.into()]), title);
-        let block = Block::bordered()
-            .title(self.status())
-            .title_bottom(self.state(usize::from(picture.width).saturating_sub(2)));
+        let state = self.state(usize::from(picture.width).saturating_sub(2));
+        let block = Block::bordered().title(self.status()).title_bottom(state);
         self.player.draw(frame, picture, block);
         self.draw_values(frame, values);
         frame.render_widget(Paragraph::new(self.returns(usize::from(returns.width))), returns);
@@ -133,14 +126,10 @@ impl Watch {
             (None, None, true) => "paused".into(),
             (None, None, false) => "plays".into(),
         };
-        format!(
-            " seed {seed} │ step {steps} of {} │ {}x │ {what} ",
-            self.player.spec().max_steps,
-            SPEEDS[self.speed]
-        )
+        let (most, speed) = (self.player.spec().max_steps, SPEEDS[self.speed]);
+        format!(" seed {seed} │ step {steps} of {most} │ {speed}x │ {what} ")
     }
 
-    /// The state, with as many digits and names as fit.
     fn state(&self, columns: usize) -> String {
         let names = &self.player.spec().observations;
         let state = |(digits, named): (usize, bool)| -> String {
@@ -185,10 +174,9 @@ impl Watch {
             return vec![Line::from("returns: none yet")];
         }
         let mean = returns.iter().map(|(total, _)| *total).sum::<f64>() / returns.len() as f64;
-        let mark = |pushed| if pushed { "*" } else { "" };
-        let latest =
-            returns.iter().rev().map(|(total, pushed)| format!(" {}{}", whole(*total), mark(*pushed)));
-        let latest = fitting(latest, columns.saturating_sub(22));
+        let shown =
+            |(total, pushed): &(f64, bool)| format!(" {}{}", whole(*total), if *pushed { "*" } else { "" });
+        let latest = fitting(returns.iter().rev().map(shown), columns.saturating_sub(22));
         let is_marked = returns.iter().any(|(_, pushed)| *pushed);
         let marked = if is_marked { "   * with actions of yours" } else { "" };
         vec![

@@ -1,5 +1,6 @@
 use super::*;
 use crate::agent::NotFinite;
+use crate::env::EnvironmentError;
 
 #[test]
 fn only_divergence_is_an_error_that_is_a_result() {

@@ -84,7 +84,7 @@ fn after_the_end_nothing_moves_but_the_player() {
     dashboard.take(&Event::End { env_steps, episodes, updates, reason });
     dashboard.advance(Duration::from_secs(1), 9999);
     let shown = text(80, 24, |frame| dashboard.draw(frame, "finished"));
-    assert!(dashboard.ended() && dashboard.env_steps == env_steps);
+    assert!(dashboard.ended && dashboard.env_steps == env_steps);
     assert!(shown.contains("episode 9 of 9") && shown.contains("q close"), "{shown}");
 }
 
