@@ -88,7 +88,7 @@ impl Output<'_> {
         }
     }
 
-    fn message(&self, problem: &str) -> String {
+    pub(super) fn message(&self, problem: &str) -> String {
         format!("cannot write {} {}: {problem}", self.option, shown(self.path))
     }
 }
