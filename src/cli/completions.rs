@@ -63,15 +63,24 @@ pub(super) fn run_words(arguments: &Words, mut root: Command) -> Result<(), Fail
 type Candidate = (String, String);
 
 fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
-    let (mut command, mut waiting) = (root, None);
-    for &word in before {
-        if waiting.take().is_none() {
+    let (mut command, mut waiting, mut positionals) = (root, None, 0);
+    // Behind `--` there are no options.
+    let after_options = before.iter().position(|word| *word == "--");
+    for (i, &word) in before.iter().enumerate().filter(|(i, _)| Some(*i) != after_options) {
+        if waiting.take().is_some() {
+            continue;
+        }
+        if word.len() > 1 && word.starts_with('-') && after_options.is_none_or(|end| i < end) {
             let is_complete = |option: &Arg| !option.get_action().takes_values() || word.contains('=');
             waiting = named(command, word).filter(|option| !is_complete(option));
-            command = command.find_subcommand(word).unwrap_or(command);
+        } else if let Some(inner) = command.find_subcommand(word) {
+            command = inner;
+        } else {
+            positionals += 1;
         }
     }
     let values_of = |argument: Option<&Arg>, word| argument.map_or_else(Vec::new, |arg| values(arg, word));
+    let options = || if after_options.is_some() { Vec::new() } else { options(command, before) };
     let mut all = match word.split_once('=') {
         _ if waiting.is_some() => values_of(waiting, word),
         Some((name, value)) if word.starts_with('-') => {
@@ -80,13 +89,16 @@ fn candidates(root: &Command, before: &[&str], word: &str) -> Vec<Candidate> {
             words.for_each(|value| value.insert_str(0, &format!("{name}=")));
             values
         }
-        _ if word.starts_with('-') => options(command, before),
+        _ if word.starts_with('-') => options(),
         _ => {
             let commands = command.get_subcommands().filter(|command| !command.is_hide_set());
             let about = |command: &Command| (command.get_name().into(), first_line(command.get_about()));
-            let values = values_of(command.get_positionals().next(), word);
+            // Only the last takes many values.
+            let takes_many = |arg: &&Arg| matches!(arg.get_action(), ArgAction::Append);
+            let positional = command.get_positionals().nth(positionals);
+            let values = values_of(positional.or(command.get_positionals().last().filter(takes_many)), word);
             let all: Vec<Candidate> = commands.map(about).chain(values).collect();
-            if all.is_empty() { options(command, before) } else { all }
+            if all.is_empty() { options() } else { all }
         }
     };
     all.retain(|(value, _)| value.starts_with(word) || is_request(value));

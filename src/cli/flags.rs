@@ -55,16 +55,34 @@ fn corrected(command: &Command, arguments: &[String]) -> (Vec<String>, Vec<Strin
     while let Some(word) = words.next() {
         let (option, attached) = word.split_once('=').map_or((word.as_str(), None), |(o, v)| (o, Some(v)));
         let name = option.strip_prefix("--").filter(|name| !has_option(command, name));
-        // A negative number is no option.
-        let is_value = |next: &&&String| !next.starts_with('-') || next.parse::<f64>().is_ok();
-        let next = words.peek().filter(is_value).filter(|_| attached.is_none()).map(|next| next.as_str());
-        let value = attached.or(next).filter(|value| !value.is_empty()).unwrap_or(PLACEHOLDER);
-        let parsed = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value));
-        let found = name.map_or_else(Vec::new, |name| meanings(name, &parsed));
         // Every command that takes settings has an option of its own for seeds.
-        let found =
-            found.iter().filter(|settings| !["$schema={}", "seed={}"].contains(&settings[0].as_str()));
-        let mut meanings = found.map(|settings| given(settings, value, command));
+        let is_setting = |meaning: &Vec<String>| !["$schema={}", "seed={}"].contains(&meaning[0].as_str());
+        let found = |value: &Value| {
+            let found = name.map_or_else(Vec::new, |name| meanings(name, value));
+            found.into_iter().filter(is_setting).collect::<Vec<_>>()
+        };
+        let known = found(&Value::Null);
+        let is = |setting: &str| known.first().is_some_and(|meaning| meaning[0] == setting);
+        // A negative number is no option, and `--double` alone switches it on.
+        let is_value = |next: &&String| match next.as_str() {
+            "true" | "false" => true,
+            next => !is("double={}") && (!next.starts_with('-') || next.parse::<f64>().is_ok()),
+        };
+        let most = if is("network.hidden={}") { usize::MAX } else { usize::from(!known.is_empty()) };
+        let mut values = Vec::from_iter(attached.filter(|value| !value.is_empty()));
+        while attached.is_none()
+            && values.len() < most
+            && let Some(value) = words.next_if(is_value)
+        {
+            values.push(value);
+        }
+        let value = match values.join(",") {
+            value if value.is_empty() && is("double={}") => "true".into(),
+            value if value.is_empty() => PLACEHOLDER.into(),
+            value => value,
+        };
+        let found = found(&serde_json::from_str(&value).unwrap_or_else(|_| Value::from(&*value)));
+        let mut meanings = found.iter().map(|settings| given(settings, &value, command));
         let Some(by) = meanings.next() else {
             line.push(word.clone());
             continue;
@@ -76,9 +94,6 @@ fn corrected(command: &Command, arguments: &[String]) -> (Vec<String>, Vec<Strin
         }
         line.extend(by);
         replaced.push(option.to_owned());
-        if next.is_some() {
-            words.next();
-        }
     }
     (line, replaced, others)
 }

@@ -32,6 +32,7 @@ use std::process::ExitCode;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::config::OTHER_ENVIRONMENTS;
 use crate::nn::kernels;
 use ui::{Failure, escaped, say};
 
@@ -136,6 +137,10 @@ fn with_tip(mut error: clap::Error, arguments: &[String]) -> clap::Error {
             false => "a config file is given as --config FILE, a key of the config as --set KEY=VALUE",
         };
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    if matches!(error.get(ContextKind::InvalidArg), Some(ContextValue::String(option)) if option.starts_with("--environment"))
+    {
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![OTHER_ENVIRONMENTS.into()]));
     }
     error
 }

@@ -83,7 +83,7 @@ impl Output<'_> {
         }
     }
 
-    fn message(&self, problem: &str) -> String {
+    pub(super) fn message(&self, problem: &str) -> String {
         format!("cannot write {} {}: {problem}", self.option, shown(self.path))
     }
 }

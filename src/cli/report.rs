@@ -83,6 +83,9 @@ fn write_page(file: &Path, directories: &[PathBuf]) -> Result<(), Failure> {
     let (what, is_own) = ("a page of `report`", report::is_page);
     let output = Output { option: "--html", path: file, what, is_own };
     output.check()?;
+    if let Some(parent) = file.parent().filter(|parent| !parent.as_os_str().is_empty() && !parent.is_dir()) {
+        return Err(Failure::BadInput(output.message(&format!("there is no directory {}", shown(parent)))));
+    }
     let page = report::page(directories)?;
     output.write(|file| file.write_all(page.as_bytes()))?;
     if output.is_standard() { Ok(()) } else { print(&format!("written: {}\n", shown(file))) }

@@ -49,21 +49,28 @@ pub(crate) fn meanings(word: &str, value: &Value) -> Vec<Vec<String>> {
     if let Some(key) = KEYS.iter().find(|key| normalised(key.path) == known) {
         return vec![own(key)];
     }
-    // A word behind the name of a group means what it means alone.
     let name = normalised(last(word));
     let mut found: Vec<Vec<String>> = match ALIASES.iter().find(|(alias, _)| *alias == name) {
         Some((_, all)) => all.iter().map(|one| one.split(' ').map(String::from).collect()).collect(),
         None => KEYS.iter().filter(|key| last(key.path) == name).map(own).collect(),
     };
+    // A word behind the name of a group means what it means alone, in that group if it means something there.
+    if let Some((group, _)) = word.rsplit_once('.') {
+        keep_if_any(&mut found, |setting| setting.starts_with(&format!("{group}.")));
+    }
     let value = whole(value.clone());
-    let admits = |setting: &String| {
+    keep_if_any(&mut found, |setting| {
         let key = setting.strip_suffix("={}").and_then(find);
         key.is_none_or(|key| key.allowed.admits(&value))
-    };
-    if found.iter().any(|settings| settings.iter().all(admits)) {
-        found.retain(|settings| settings.iter().all(admits));
-    }
+    });
     found
+}
+
+/// Keeps the meanings all of whose settings are such, unless there are none.
+fn keep_if_any(found: &mut Vec<Vec<String>>, is_such: impl Fn(&String) -> bool) {
+    if found.iter().any(|settings| settings.iter().all(&is_such)) {
+        found.retain(|settings| settings.iter().all(&is_such));
+    }
 }
 
 /// What to say of a key that there is not.
@@ -89,15 +96,18 @@ pub(super) fn keys_in(prefix: &str) -> String {
     keys.join(", ")
 }
 
-/// The key that a misspelled one is most like; where no group was typed, the name that some keys have in theirs.
+/// The key or the word of another program that a misspelled key is most like; where no group was typed, the name that some
+/// keys have in theirs.
 fn nearest(key: &str) -> Option<&'static str> {
     let like = strsim::normalized_damerau_levenshtein;
     let likeness = |path: &'static str| match key.contains('.') {
         true => (f64::midpoint(like(key, path), like(last(key), last(path))), path),
         false => (like(key, last(path)), last(path)),
     };
-    let keys = KEYS.iter().filter(|_| key.len() <= MAX_LENGTH).map(|known| likeness(known.path));
-    keys.filter(|(likeness, _)| *likeness > 0.65)
+    let words = ALIASES.iter().map(|(word, _)| (0.9 * like(&normalised(last(key)), word), *word));
+    let known = KEYS.iter().map(|known| likeness(known.path)).chain(words);
+    known
+        .filter(|(likeness, _)| key.len() <= MAX_LENGTH && *likeness > 0.65)
         .max_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, word)| word)
 }

@@ -14,6 +14,10 @@ use super::{AGENTS, Config, ConfigError};
 use crate::env::Spec;
 use crate::text::excerpt;
 
+/// What is said to somebody who names an environment that is not built in.
+pub(crate) const OTHER_ENVIRONMENTS: &str = "adapters/gymnasium.py is a program that plays Gymnasium's environments, \
+     and configs/lunar_lander.json a config with it";
+
 /// The keys that one source sets, each known and within its range.
 pub(super) struct Layer {
     pub(super) origin: String,
@@ -101,10 +105,7 @@ impl Layer {
                 // No name, and no program either.
                 Some(allowed @ Allowed::NameOr(..)) if is_empty() => allowed.to_string(),
                 Some(allowed) if allowed.admits(value) => continue,
-                Some(allowed @ Allowed::NameOr(..)) => format!(
-                    "{allowed}; adapters/gymnasium.py is a program that plays Gymnasium's environments, and \
-                     configs/lunar_lander.json a config with it"
-                ),
+                Some(allowed @ Allowed::NameOr(..)) => format!("{allowed}; {OTHER_ENVIRONMENTS}"),
                 Some(allowed @ Allowed::Task) => {
                     let problem = serde_json::from_value::<Spec>(value.clone()).err();
                     format!("{allowed}: {}", problem.map_or_else(String::new, |error| error.to_string()))

@@ -35,6 +35,7 @@ use crate::trainer::{Budget, CheckpointConfig, EvaluationConfig, Trainer, Traine
 pub(crate) use aliases::meanings;
 pub(crate) use difference::difference;
 pub(crate) use environment::EnvironmentConfig;
+pub(crate) use layer::OTHER_ENVIRONMENTS;
 pub(crate) use schema::Setting;
 pub use schema::{keys, markdown_table, schema};
 

@@ -166,6 +166,8 @@ fn an_option_is_offered_again_only_if_it_can_be_repeated() {
     let offered = candidates(&["train", "--quiet", "--set", "gamma=1", "--seed=1", "-"]);
     assert!(offered.contains(&"--set".into()) && offered.contains(&"--out".into()));
     assert!(!offered.contains(&"--quiet".into()) && !offered.contains(&"--seed".into()));
+    assert!(candidates(&["report", "--", "--"]).iter().all(|word| !word.starts_with("--")));
+    assert!(candidates(&["verify", "run", ""]).iter().all(|word| !word.starts_with("run")));
 }
 
 #[cfg(unix)]

@@ -167,7 +167,7 @@ fn training_episodes_have_the_limit_of_the_environment_unless_the_config_has_its
 
 refusals! {
     refuses_an_unknown_environment: [], ["eval", "--policy", "random", "--environment", "LunarLander-v3"]
-        => ["--environment", "LunarLander-v3", "CartPole-v1", "Acrobot-v1", "MountainCar-v0"];
+        => ["--environment", "LunarLander-v3", "CartPole-v1", "Acrobot-v1", "MountainCar-v0", "adapters/gymnasium.py"];
     refuses_mirror_images_where_there_are_none:
         [("c.json", b"{\"environment\": \"MountainCar-v0\", \"replay.mirror\": true}")], ["train", "--config", "c.json"]
         => ["`replay.mirror` is true", "MountainCar-v0"];

@@ -28,10 +28,10 @@ refusals! {
     tells_config_show_how_settings_are_given: [], ["config", "show", "foo"] => ["'foo'", "--set KEY=VALUE"];
     tells_a_decay_per_episode_from_one_over_steps: [], ["train", "--epsilon-decay", "0.995", "--epsilon_decay", "8000"]
         => ["exploration.schedule=per_episode --set exploration.decay=0.995", "exploration.schedule=linear --set exploration.steps=8000"];
-    makes_a_list_of_layers: [], ["train", "--hidden", "64,64"] => ["--set 'network.hidden=[64,64]'"];
+    makes_a_list_of_layers: [], ["train", "--hidden", "64", "64"] => ["--set 'network.hidden=[64,64]'"];
     takes_a_negative_value_along: [], ["train", "--lr", "-0.1"] => ["--set optimizer.learning_rate=-0.1"];
     asks_for_a_value_that_is_missing: [], ["train", "--lr", "--double"]
-        => ["--set optimizer.learning_rate=VALUE --set double=VALUE"];
+        => ["--set optimizer.learning_rate=VALUE --set double=true"];
     knows_every_key_as_an_option: [], ["train", "--replay.warmup_steps", "5", "--beta1", "0.8"]
         => ["--set replay.warmup_steps=5 --set optimizer.beta1=0.8"];
     explains_a_log_interval_that_is_no_integer: [], ["train", "--log-every", "1e3"]
@@ -84,10 +84,11 @@ fn a_word_of_another_program_means_the_same_everywhere() {
         assert!(unknown.iter().all(|word| said.contains(word)), "{said}");
     }
     for (wrong, keys) in [
-        ("epsilom=0.1", &["`optimizer.epsilon`?"][..]),
-        ("exploration.epsilon=0.1", &["`exploration.initial` and `exploration.final`"]),
+        ("epsilom=0.1", &["`exploration.initial`", "`optimizer.epsilon`"][..]),
+        ("exploration.epsilon=0.1", &["`exploration.initial` and `exploration.final`?"]),
         ("optim.lr=0.1", &["`optimizer.learning_rate`?"]),
         ("evry_steps=9", &["`learn.every_steps`", "`evaluation.every_steps`"]),
+        ("memory_sise=9", &["`replay.capacity`?"]),
     ] {
         sandbox.refuses(&["train", "--set", wrong], &[&["did you mean"], keys].concat());
     }

@@ -160,7 +160,7 @@ fn a_page_replaces_a_page_and_nothing_else() {
         sandbox.refuses(&["report", "run", "--html", file], &[file, "not a page of `report`"]);
     }
     sandbox.refuses(&["report", "run", "--html", "run"], &["a directory"]);
-    sandbox.refuses(&["report", "run", "--html", "no/p.html"], &["--html no/p.html", "No such file"]);
+    sandbox.refuses(&["report", "run", "--html", "no/p.html"], &["--html no/p.html", "no directory no"]);
     // The page is part of the run: --force may replace both.
     sandbox.train(&["--out", "run", "--force"]).success();
     assert!(!sandbox.path("run/report.html").exists());

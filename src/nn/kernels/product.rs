@@ -142,7 +142,10 @@ impl Product {
             while column < self.columns {
                 let vectors = (self.columns - column).div_ceil(V::LANES).min(self.columns / V::LANES);
                 let width = match vectors {
-                    1..=3 => vectors,
+                    1..=2 => vectors,
+                    // A page loads every width that there is.
+                    _ if cfg!(target_arch = "wasm32") => 2,
+                    3 => 3,
                     _ if self.rows <= 2 => 4,
                     5 => 3,
                     _ => 2,

@@ -3,9 +3,12 @@
 use super::float::{Float, mul_add_in_f64};
 use super::vector::Vector;
 
-/// 16 numbers, computed one after another, on any CPU.
+/// So many that compilers make vectors of them. In WebAssembly more numbers would only be more code, for each page to load.
+const LANES: usize = if cfg!(target_arch = "wasm32") { 4 } else { 16 };
+
+/// [`LANES`] numbers, computed one after another, on any CPU.
 #[derive(Clone, Copy)]
-pub(super) struct Scalar([f32; 16]);
+pub(super) struct Scalar([f32; LANES]);
 
 // SAFETY: any CPU can run this, and loads and stores touch the numbers that the trait names.
 unsafe impl Vector for Scalar {
@@ -14,34 +17,34 @@ unsafe impl Vector for Scalar {
         true
     }
 
-    const LANES: usize = 16;
+    const LANES: usize = LANES;
     // In WebAssembly tiles of one row: taller ones are no faster there, and several times the code.
     const REGISTERS: usize = if cfg!(target_arch = "wasm32") { 1 } else { 7 };
 
     #[inline(always)]
     unsafe fn splat(value: f32) -> Self {
-        Self([value; 16])
+        Self([value; LANES])
     }
     #[inline(always)]
     unsafe fn load(source: *const f32) -> Self {
-        // SAFETY: `source` is valid for 16 reads, and an array of f32 is aligned as an f32 is.
-        Self(unsafe { source.cast::<[f32; 16]>().read() })
+        // SAFETY: `source` is valid for `LANES` reads, and an array of f32 is aligned as an f32 is.
+        Self(unsafe { source.cast::<[f32; LANES]>().read() })
     }
     #[inline(always)]
     unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
-        let mut values = [0.0; 16];
-        // SAFETY: `source` is valid for `lanes` reads, and `lanes` is below 16.
+        let mut values = [0.0; LANES];
+        // SAFETY: `source` is valid for `lanes` reads, and `lanes` is below `LANES`.
         unsafe { source.copy_to_nonoverlapping(values.as_mut_ptr(), lanes) }
         Self(values)
     }
     #[inline(always)]
     unsafe fn store(self, target: *mut f32) {
-        // SAFETY: `target` is valid for 16 writes, and an array of f32 is aligned as an f32 is.
-        unsafe { target.cast::<[f32; 16]>().write(self.0) }
+        // SAFETY: `target` is valid for `LANES` writes, and an array of f32 is aligned as an f32 is.
+        unsafe { target.cast::<[f32; LANES]>().write(self.0) }
     }
     #[inline(always)]
     unsafe fn store_part(self, target: *mut f32, lanes: usize) {
-        // SAFETY: `target` is valid for `lanes` writes, and `lanes` is below 16.
+        // SAFETY: `target` is valid for `lanes` writes, and `lanes` is below `LANES`.
         unsafe { self.0.as_ptr().copy_to_nonoverlapping(target, lanes) }
     }
     #[inline(always)]
