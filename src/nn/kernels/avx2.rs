@@ -2,20 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::vector::Vector;
-
-/// Defines the arithmetic of a vector: `name(self, arguments) = instructions;`.
-macro_rules! arithmetic {
-    ($($name:ident($self:ident $(, $argument:ident)*) = $instructions:expr;)*) => {$(
-        #[inline(always)]
-        fn $name($self $(, $argument: Self)*) -> Self {
-            // SAFETY: a vector was made, so the CPU has the instruction set.
-            Self(unsafe { $instructions })
-        }
-    )*};
-}
-
-pub(super) use arithmetic;
+use super::vector::{Vector, arithmetic};
 
 /// 8 numbers, by AVX2 and FMA.
 #[derive(Clone, Copy)]

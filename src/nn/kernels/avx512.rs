@@ -2,8 +2,8 @@
 
 use std::arch::x86_64::*;
 
-use super::avx2::{Avx2, arithmetic, transpose_8x8};
-use super::vector::Vector;
+use super::avx2::{Avx2, transpose_8x8};
+use super::vector::{Vector, arithmetic};
 
 /// 16 numbers, by AVX-512F.
 #[derive(Clone, Copy)]

@@ -13,6 +13,7 @@ macro_rules! instruction_sets {
                 { Scalar = super::scalar::Scalar, all() }
                 { Avx2 = super::avx2::Avx2, target_arch = "x86_64", "avx2,fma" }
                 { Avx512 = super::avx512::Avx512, target_arch = "x86_64", "avx512f,avx2,fma" }
+                { Neon = super::neon::Neon, target_arch = "aarch64" }
                 { Wasm = super::wasm::Wasm, all(target_arch = "wasm32", target_feature = "simd128") }
             ]
             $($arguments)*
@@ -64,7 +65,7 @@ impl InstructionSet {
         *CURRENT.get_or_init(|| Self::from_environment().unwrap_or(Self::available()[0]))
     }
 
-    /// The instruction set that [`Self::VARIABLE`] names (`scalar`, `avx2` or `avx512`), or the fastest if the variable
+    /// The instruction set that [`Self::VARIABLE`] names (`scalar`, `avx2`, `avx512` or `neon`), or the fastest if the variable
     /// is not set.
     pub(crate) fn from_environment() -> Result<Self, UnknownInstructionSet> {
         let available = Self::available();

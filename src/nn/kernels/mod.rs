@@ -25,6 +25,9 @@ mod avx512;
 pub mod fast;
 mod float;
 #[allow(unsafe_code)]
+#[cfg(target_arch = "aarch64")]
+mod neon;
+#[allow(unsafe_code)]
 mod product;
 pub mod reference;
 #[allow(unsafe_code)]

@@ -67,3 +67,19 @@ pub(super) unsafe trait Vector: Copy {
     /// The CPU has the instruction set, `from` is valid for reads of the square, and `to` for writes of the transpose.
     unsafe fn transpose_block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize);
 }
+
+/// Defines the arithmetic of a vector that is one register: `name(self, arguments) = instructions;`.
+macro_rules! arithmetic {
+    ($($name:ident($self:ident $(, $argument:ident)*) = $instructions:expr;)*) => {$(
+        #[inline(always)]
+        // Instructions that every CPU of the target has are safe.
+        #[allow(unused_unsafe)]
+        fn $name($self $(, $argument: Self)*) -> Self {
+            // SAFETY: a vector was made, so the CPU has the instruction set.
+            Self(unsafe { $instructions })
+        }
+    )*};
+}
+// A target without vectors has no use for it.
+#[allow(unused_imports)]
+pub(super) use arithmetic;

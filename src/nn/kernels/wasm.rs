@@ -194,6 +194,7 @@ mod relaxed {
     use core::arch::wasm32::*;
 
     use super::{Vector, lanes_of, load_part, transpose_4x4};
+    use crate::nn::kernels::vector::arithmetic;
 
     /// Four numbers, with the multiply-add of relaxed SIMD.
     #[derive(Clone, Copy)]
@@ -246,34 +247,14 @@ mod relaxed {
             // SAFETY: `target` is valid for `lanes` writes, and `lanes` is below 4.
             unsafe { values.as_ptr().copy_to_nonoverlapping(target, lanes) }
         }
-        #[inline(always)]
-        fn mul(self, factor: Self) -> Self {
-            Self(f32x4_mul(self.0, factor.0))
-        }
-        #[inline(always)]
-        fn div(self, divisor: Self) -> Self {
-            Self(f32x4_div(self.0, divisor.0))
-        }
-        #[inline(always)]
-        fn sqrt(self) -> Self {
-            Self(f32x4_sqrt(self.0))
-        }
-        #[inline(always)]
-        fn mul_add(self, factor: Self, summand: Self) -> Self {
-            Self(f32x4_relaxed_madd(self.0, factor.0, summand.0))
-        }
-        #[inline(always)]
-        fn relu(self) -> Self {
-            Self(f32x4_pmax(self.0, f32x4_splat(0.0)))
-        }
-        #[inline(always)]
-        fn flush(self) -> Self {
-            let smallest = f32x4_splat(f32::MIN_POSITIVE);
-            Self(v128_andnot(self.0, f32x4_lt(f32x4_abs(self.0), smallest)))
-        }
-        #[inline(always)]
-        fn positive_then(self, value: Self) -> Self {
-            Self(v128_and(f32x4_gt(self.0, f32x4_splat(0.0)), value.0))
+        arithmetic! {
+            mul(self, factor) = f32x4_mul(self.0, factor.0);
+            div(self, divisor) = f32x4_div(self.0, divisor.0);
+            sqrt(self) = f32x4_sqrt(self.0);
+            mul_add(self, factor, summand) = f32x4_relaxed_madd(self.0, factor.0, summand.0);
+            relu(self) = f32x4_pmax(self.0, f32x4_splat(0.0));
+            flush(self) = v128_andnot(self.0, f32x4_lt(f32x4_abs(self.0), f32x4_splat(f32::MIN_POSITIVE)));
+            positive_then(self, value) = v128_and(f32x4_gt(self.0, f32x4_splat(0.0)), value.0);
         }
 
         const BLOCK: usize = 4;
