@@ -1,35 +1,34 @@
 #!/usr/bin/env bash
-# Trains configs/smoke.json as an aarch64 program under qemu and requires the hash of x86-64. For Debian on x86-64, as
-# root; installs Debian's own compiler, cross linker and emulator. The aarch64 standard library, which must be of that
-# compiler's version, comes from the package for arm64.
+# 64-bit ARM under qemu: the tests of the kernels, and configs/smoke.json with and without NEON, which must give the hash of x86-64.
+# For Debian on x86-64, as root: installs a cross linker and an emulator.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 target=aarch64-unknown-linux-gnu
-work=${WORK:-$(mktemp -d)}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+fail() { echo "FAILED: $*" >&2; exit 1; }
 
-dpkg --add-architecture arm64
-apt-get update --quiet=2
-apt-get install --yes --quiet=2 --no-install-recommends \
-    rustc-web qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross
-
-# A compiler looks for the standard library in its sysroot. The host's own programs keep theirs.
-version=$(dpkg-query --show --showformat='${Version}' rustc-web)
-mkdir -p "$work/packages" "$work/sysroot/lib/rustlib"
-(
-    cd "$work/packages"
-    apt-get download "libstd-rust-web-dev:arm64=$version"
-    dpkg -x libstd-rust-web-dev_*_arm64.deb "$work/arm64"
-)
-ln -sfn "$work/arm64/usr/lib/rustlib/$target" "$work/sysroot/lib/rustlib/$target"
-
-RUSTC=/usr/bin/rustc RUSTFLAGS="--sysroot=$work/sysroot" CARGO_TARGET_DIR="$work/target" \
-    CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
-    cargo build --release --locked --target "$target"
-
-qemu-aarch64 -L /usr/aarch64-linux-gnu "$work/target/$target/release/cartpole-dqn" \
-    train --config configs/smoke.json --out "$work/run" --force --quiet
-expected=$(cat tests/data/smoke_weights.sha256)
-if ! grep "\"weights_sha256\": *\"$expected\"" "$work/run/summary.json"; then
-    echo "FAILED: on aarch64 the weights are not $expected: $work/run/summary.json" >&2
-    exit 1
+if ! command -v qemu-aarch64 aarch64-linux-gnu-gcc >/dev/null; then
+    apt-get update --quiet=2
+    apt-get install --yes --quiet=2 --no-install-recommends qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 fi
+rustup target add "$target"
+export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
+export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER='qemu-aarch64 -L /usr/aarch64-linux-gnu'
+
+tests=$(cargo test --release --locked --target "$target" --test it kernels:: -- --list | grep -c ': test$') ||
+    fail 'there are no tests of the kernels'
+cargo test --release --locked --target "$target" --test it kernels::
+
+cargo build --release --locked --target "$target"
+binary=${CARGO_TARGET_DIR:-target}/$target/release/cartpole-dqn
+expected=$(cat tests/data/smoke_weights.sha256)
+for kernels in neon scalar; do
+    seconds=$({ TIMEFORMAT=%U; time CARTPOLE_DQN_SIMD=$kernels $CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER "$binary" \
+        train --config configs/smoke.json --out "$work/$kernels" --quiet 2>"$work/errors"; } 2>&1) || fail "$(cat "$work/errors")"
+    grep -q "\"weights_sha256\": *\"$expected\"" "$work/$kernels/summary.json" || fail "$kernels: the weights are not $expected"
+    printf '%-6s weights %s, %s s of user time under qemu\n' "$kernels" "$expected" "$seconds"
+done
+grep -q '"kernels": *"neon"' "$work/neon/meta.json" || fail 'NEON is not chosen'
+cmp "$work/neon/metrics.jsonl" "$work/scalar/metrics.jsonl"
+echo "$tests tests of the kernels"
