@@ -46,7 +46,7 @@ impl Estimate {
     }
 
     /// A statistic of a sample with its percentile bootstrap interval; above
-    /// [`EXACT_SEEDS`](super::sample::EXACT_SEEDS) seeds with one of groups.
+    /// [`EXACT_SEEDS`] seeds with one of groups.
     pub fn of(sample: &Sample, statistic: impl Fn(&Sample) -> f64) -> Self {
         Self::exact(&sample.grouped(), &statistic).moved_to(statistic(sample))
     }

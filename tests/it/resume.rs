@@ -474,7 +474,7 @@ fn the_summary_says_what_it_takes_to_repeat_the_run() {
     assert_eq!(summary["version"], env!("CARGO_PKG_VERSION"));
     let config = cartpole_dqn::tensors::sha256([sandbox.read("run/config.json")]);
     assert_eq!(summary["config_sha256"], config);
-    assert!(["scalar", "avx2", "avx512"].contains(&summary["cpu_path"].as_str().unwrap()));
+    assert!(["scalar", "avx2", "avx512", "neon"].contains(&summary["cpu_path"].as_str().unwrap()));
     let revision = &summary["git_revision"];
     let is_revision = |text: &str| text.trim_end_matches("-dirty").chars().all(|c| c.is_ascii_hexdigit());
     assert!(revision.is_null() || revision.as_str().is_some_and(is_revision), "{revision}");

@@ -69,6 +69,8 @@ pub(super) unsafe trait Vector: Copy {
 }
 
 /// Defines the arithmetic of a vector that is one register: `name(self, arguments) = instructions;`.
+// A target without vectors has no use for it.
+#[allow(unused_macros)]
 macro_rules! arithmetic {
     ($($name:ident($self:ident $(, $argument:ident)*) = $instructions:expr;)*) => {$(
         #[inline(always)]
@@ -80,6 +82,5 @@ macro_rules! arithmetic {
         }
     )*};
 }
-// A target without vectors has no use for it.
 #[allow(unused_imports)]
 pub(super) use arithmetic;
