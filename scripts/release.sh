@@ -3,7 +3,7 @@
 #
 #   scripts/release.sh page                     builds the page of `web`, which the program of a release has in it
 #   scripts/release.sh archive TARGET [BINARY]  builds the program for a target of rustc (or takes BINARY) and packs it with the
-#                                               completions of four shells and all licences; beside it its SHA-256
+#                                               completions of four shells, man pages and all licences; beside it its SHA-256
 #   scripts/release.sh wheel TARGET             builds the wheel with maturin, which it installs in a venv of its own. On Linux the wheel
 #                                               runs on every system since manylinux2014 (glibc 2.17): zig links it
 #   scripts/release.sh check-archive TARGET     unpacks the archive and trains with its program
@@ -40,9 +40,10 @@ program_extension() { case $1 in *windows*) echo .exe ;; esac; }
 archive_extension() { case $1 in *windows*) echo zip ;; *) echo tar.gz ;; esac; }
 
 build_archive() {
-    local target=$1 binary=${2:-} name=cartpole-dqn-$version-$1 shell
+    local target=$1 binary=${2:-} name=cartpole-dqn-$version-$1 shell web=
     if [ -z "$binary" ]; then
         require_page
+        web=1
         rustup target add "$target"
         cargo build --release --locked --features web --target "$target" --config profile.release.strip=true
         binary=${CARGO_TARGET_DIR:-target}/$target/release/cartpole-dqn$(program_extension "$target")
@@ -58,6 +59,8 @@ build_archive() {
         "$binary" completions "${shell%%:*}" >"$dist/$name/completions/${shell#*:}"
         [ -s "$dist/$name/completions/${shell#*:}" ] || fail "no completions for ${shell%%:*}"
     done
+    # For the computer that packs, with the commands of the program that is packed.
+    cargo run --quiet --locked ${web:+--features web} --example man_pages -- "$dist/$name/man/man1"
     "$python" scripts/release/archive.py "$dist/$name" "$(archive_extension "$target")"
     rm -rf "${dist:?}/$name"
 }
@@ -101,6 +104,9 @@ sys.exit(name != sys.argv[1] or hashlib.sha256(open(name, "rb").read()).hexdiges
     done
     binary=$tmp/$name/cartpole-dqn$(program_extension "$1")
     chmod +x "$binary"
+    for file in $("$binary" __words -- '' | cut -f1 | grep -vx help); do
+        [ -s "$tmp/$name/man/man1/cartpole-dqn-$file.1" ] || fail "$archive has no man page of $file, but $files"
+    done
     [ "$("$binary" --version)" = "cartpole-dqn $version" ] || fail "$binary is not of version $version"
     trains "$binary"
     echo "$archive: $files"

@@ -64,6 +64,8 @@ check() {
     completes 'train --set=double=f' '--set=double=false'
     completes 'train --set optimizer.schedule.' 'schedule.final_learning_rate=' 2
     completes 'study --vary loss=mse,h' 'loss=mse,huber'
+    completes 'train --config tut' '--config tutorial'
+    completes 'study --config=lu' '--config=lunar_lander'
     completes 'train --config my' 'my\ configs/'
     completes 'train --config my\ configs/d' 'my\ configs/deep.json'
     completes 'render --output my' 'my\ configs/'

@@ -21,12 +21,10 @@ block 'dialogue: room.py' > dialogue
 sed -n 's/^> //p' dialogue | python3 room.py > answers
 [ "$(wc -l < answers)" -eq 4 ] || fail 'room.py does not answer four requests'
 sed -n 's/^< //p' dialogue | diff - answers || fail 'room.py answers something else than the dialogue in docs/environments.md'
-ln -s "$repository/configs" configs
 cartpole-dqn() { "$binary" "$@"; }
 # shellcheck source=/dev/null
 source <(block 'commands: room.py')
 "$binary" eval runs/room --allow-command --min-mean -10
-rm configs
 
 # CartPole-v1 through the adapter is our own CartPole-v1: the same returns of the same policy on the same seeds.
 adapter() { printf '{"command": ["python3", "%s/adapters/gymnasium.py"%s]}' "$repository" "$(printf ', "%s"' "$@")"; }

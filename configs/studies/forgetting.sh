@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# The studies of docs/forgetting.md: forgetting.json with one or more settings changed, 40 seeds each.
+# The studies of docs/forgetting.md: configs/forgetting.json with one or more settings changed, 40 seeds each.
 #   configs/studies/forgetting.sh OUT [NAME …]      without a name: all
 # SEEDS=350000..350100 trains more seeds, and CARTPOLE_DQN names another program.
 set -euo pipefail
-base=$(dirname "$0")/forgetting.json
+base=$(dirname "$0")/../forgetting.json
 program=${CARTPOLE_DQN:-target/release/cartpole-dqn}
 out=${1:?a directory for the studies}
 shift

@@ -11,7 +11,7 @@ use clap::{Arg, ArgAction, Args, Command, ValueHint};
 use clap_complete::Shell;
 
 use super::ui::{Failure, print};
-use crate::config;
+use crate::config::{self, SHIPPED};
 
 /// Print a script that lets a shell complete commands, options, config keys and paths.
 #[derive(Debug, Args)]
@@ -139,7 +139,12 @@ fn values(arg: &Arg, word: &str) -> Vec<Candidate> {
                 return Vec::new();
             }
             let takes_run = arg.is_positional() || ["checkpoint", "resume"].contains(&arg.get_id().as_str());
-            let mut candidates = if takes_run && !word.contains('/') { runs() } else { Vec::new() };
+            let mut candidates = match arg.get_id().as_str() {
+                _ if word.contains('/') => Vec::new(),
+                "config" => SHIPPED.iter().map(|config| (config.name.into(), config.about.into())).collect(),
+                _ if takes_run => runs(),
+                _ => Vec::new(),
+            };
             let request = if name.contains("DIR") { ":directories" } else { ":files" };
             candidates.push((request.into(), String::new()));
             candidates

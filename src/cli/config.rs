@@ -4,9 +4,9 @@ use clap::{Args, Subcommand};
 
 use super::layers::Layers;
 use super::ui::{Failure, print, print_json};
-use crate::config::{Config, Setting, schema};
+use crate::config::{Config, SHIPPED, Setting, schema};
 
-/// Explain configs: print every key with its meaning, or the JSON Schema.
+/// Print the configs that come with the program, every key with its meaning, or the JSON Schema.
 #[derive(Debug, Args)]
 pub(super) struct ConfigArguments {
     #[command(subcommand)]
@@ -15,6 +15,10 @@ pub(super) struct ConfigArguments {
 
 #[derive(Debug, Subcommand)]
 enum ConfigCommand {
+    /// Print the names of the configs that come with the program, as --config takes them.
+    #[command(after_help = "Example: cartpole-dqn train --config tutorial
+To change more than a few keys: cartpole-dqn config show --config tutorial --json > mine.json")]
+    List,
     Show(Show),
     /// Print the JSON Schema of config files, with which editors complete and check them.
     #[command(after_help = "Example: cartpole-dqn config schema > configs/schema.json")]
@@ -25,7 +29,7 @@ enum ConfigCommand {
 ///
 /// Every line that is not indented can be given to --set.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: cartpole-dqn config show --config configs/tutorial.json --set gamma=0.99")]
+#[command(after_help = "Example: cartpole-dqn config show --config tutorial --set gamma=0.99")]
 struct Show {
     #[command(flatten)]
     layers: Layers,
@@ -36,6 +40,9 @@ struct Show {
 
 pub(super) fn run(arguments: ConfigArguments) -> Result<(), Failure> {
     match arguments.command {
+        ConfigCommand::List => print(
+            &SHIPPED.iter().map(|config| format!("{:22}{}\n", config.name, config.about)).collect::<String>(),
+        ),
         ConfigCommand::Show(Show { layers, json }) => {
             let config = layers.resolve()?;
             if json { print_json(&config) } else { print(&describe(&config)) }

@@ -20,7 +20,7 @@ const SHOWN: usize = 3;
 /// Trains to that update and prints what it is made of: the transitions, their Q-values, every TD target with its numbers
 /// filled in, the loss, the gradient, Adam's step, and the Q-values after it. Writes no run.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: cartpole-dqn explain --config configs/tutorial.json --update 40
+#[command(after_help = "Example: cartpole-dqn explain --config tutorial --update 40
          cartpole-dqn explain --update 1000 --out update.safetensors")]
 pub(super) struct ExplainArguments {
     #[command(flatten)]

@@ -14,8 +14,8 @@ pub(super) const DEFAULT_NAME: &str = "cartpole";
 /// What a config is made of.
 #[derive(Debug, Args)]
 pub(super) struct Layers {
-    /// JSON file with the settings of the run, `-` for standard input [default: configs/cartpole.json]
-    #[arg(long, value_name = "FILE")]
+    /// Settings of the run: a name that `config list` prints, a JSON file, or `-` for standard input [default: cartpole]
+    #[arg(long, value_name = "NAME|FILE")]
     config: Option<PathBuf>,
     /// Seed of the run's random numbers, 0 to 2⁶⁴−1; takes precedence over --config and --set
     #[arg(long, value_name = "N", value_parser = super::ui::seed, allow_negative_numbers = true)]
@@ -28,8 +28,12 @@ pub(super) struct Layers {
     stop_when_solved: bool,
 }
 
-/// The name of a config file in messages, and its text; `-` is standard input.
+/// The name of a config in messages, and its text. A name without a path is first that of a config that comes with the program;
+/// `-` is standard input.
 pub(super) fn read_config(path: &Path) -> Result<(String, String), Failure> {
+    if let Some(Ok((name, text))) = path.to_str().map(config::shipped) {
+        return Ok((name.into(), text.into()));
+    }
     if path.as_os_str() != "-" {
         return Ok((shown(path), config::read_file(path)?));
     }

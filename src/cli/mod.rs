@@ -68,6 +68,11 @@ enum Command {
     CompleteWords(completions::Words),
 }
 
+/// All commands with their options, for a program that documents them.
+pub fn command() -> clap::Command {
+    CommandLine::command()
+}
+
 pub fn run() -> ExitCode {
     let typed: Vec<_> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     let result = match CommandLine::try_parse() {
@@ -134,7 +139,7 @@ fn with_tip(mut error: clap::Error, arguments: &[String]) -> clap::Error {
             Some(ContextValue::String(argument)) if Path::new(argument).is_dir());
         let tip = match is_directory && flags::has_option(command, "resume") {
             true => "a new run is written to --out DIR; `train --resume DIR` resumes a run",
-            false => "a config file is given as --config FILE, a key of the config as --set KEY=VALUE",
+            false => "a config is given as --config NAME or --config FILE, a key of it as --set KEY=VALUE",
         };
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }

@@ -26,9 +26,7 @@ use crate::view::{Live, Pace, check_terminal};
 /// evaluation. Then come ε (the probability of a random action) and the loss of the last episode. --live shows more. Press q
 /// to leave that view: while the run is training, q also stops the run with a checkpoint.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example: cartpole-dqn train --config configs/tutorial.json --seed 7 --set gamma=0.99"
-)]
+#[command(after_help = "Example: cartpole-dqn train --config tutorial --seed 7 --set gamma=0.99")]
 pub(super) struct TrainArguments {
     #[command(flatten)]
     layers: Layers,

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use crate::config::ConfigError;
+use crate::config::{ConfigError, nearest_shipped};
 use crate::env::EnvironmentError;
 use crate::run::{CheckpointError, CheckpointProblem, RunError};
 use crate::text::{limited, shell_word, shown, steers};
@@ -47,10 +47,17 @@ impl Failure {
 
 impl From<ConfigError> for Failure {
     fn from(error: ConfigError) -> Self {
-        let hint = "; --config takes a JSON file such as configs/cartpole.json";
+        let takes = "--config takes a JSON file, or a name that `cartpole-dqn config list` prints";
         match error {
             ConfigError::Environment(error) => error.into(),
-            ConfigError::Read { .. } | ConfigError::Json { .. } => Self::BadInput(on_one_line(&error) + hint),
+            ConfigError::Read { ref path, ref source } if source.kind() == io::ErrorKind::NotFound => {
+                let nearest = path.file_stem().and_then(|stem| nearest_shipped(&stem.to_string_lossy()));
+                let meant = nearest.map_or_else(String::new, |name| format!("did you mean `{name}`? "));
+                Self::BadInput(format!("{}; {meant}{takes}", on_one_line(&error)))
+            }
+            ConfigError::Read { .. } | ConfigError::Json { .. } => {
+                Self::BadInput(format!("{}; {takes}", on_one_line(&error)))
+            }
             _ => Self::BadInput(on_one_line(&error)),
         }
     }

@@ -19,8 +19,8 @@ const MAX_CONFIGS: usize = 10_000;
 /// What the configs of a study are made of.
 #[derive(Debug, Args)]
 pub(super) struct Variations {
-    /// JSON file with settings, `-` for standard input, may be repeated [default: configs/cartpole.json]
-    #[arg(long, value_name = "FILE")]
+    /// Settings: a name that `config list` prints, a JSON file, or `-` for standard input; may be repeated [default: cartpole]
+    #[arg(long, value_name = "NAME|FILE")]
     config: Vec<PathBuf>,
     /// Values of a config key to compare: KEY=V1,V2, or KEY=[V1, V2] as JSON if values hold commas; may be repeated
     #[arg(long, value_name = "KEY=VALUES", value_parser = variation)]

@@ -233,6 +233,6 @@ pub(super) fn invalid(origin: &str, key: &str, value: &Value, allowed: String) -
 }
 
 /// A user's text in a message.
-fn shown(text: &str) -> String {
+pub(super) fn shown(text: &str) -> String {
     excerpt(text, 80)
 }

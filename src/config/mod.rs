@@ -12,6 +12,7 @@ mod environment;
 mod keys;
 mod layer;
 mod schema;
+mod shipped;
 mod table;
 
 use std::fs::File;
@@ -38,6 +39,8 @@ pub(crate) use environment::EnvironmentConfig;
 pub(crate) use layer::OTHER_ENVIRONMENTS;
 pub(crate) use schema::Setting;
 pub use schema::{keys, markdown_table, schema};
+pub(crate) use shipped::nearest_shipped;
+pub use shipped::{SHIPPED, shipped};
 
 /// Largest config that is read, in bytes.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
@@ -124,6 +127,8 @@ impl Default for Config {
 pub enum ConfigError {
     #[error("cannot read {}: {source}", path.display())]
     Read { path: PathBuf, source: io::Error },
+    #[error("no config that comes with the program is called `{name}`; {hint}")]
+    Name { name: String, hint: String },
     /// Not JSON, or not an object; the source says where and why.
     #[error("{origin}: {source}")]
     Json { origin: String, source: serde_json::Error },

@@ -21,7 +21,6 @@ const { values: options } = parseArgs({
     screenshots: { type: 'string' },
   },
 });
-const root = path.join(__dirname, '../..');
 const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'web-'));
 const address = `file://${path.resolve(options.page)}`;
 const problems = [];
@@ -33,7 +32,7 @@ function trained(command) {
   assert.match(command, /^cartpole-dqn train /);
   fs.rmSync(path.join(folder, 'runs'), { recursive: true, force: true });
   fs.mkdirSync(path.join(folder, 'runs'));
-  const line = command.replace('cartpole-dqn', `'${path.resolve(options.binary)}'`).replace('configs/', `${root}/configs/`);
+  const line = command.replace('cartpole-dqn', `'${path.resolve(options.binary)}'`);
   execFileSync('bash', ['-c', `${line} --quiet`], { cwd: folder });
   return JSON.parse(fs.readFileSync(path.join(folder, 'runs/page/summary.json')));
 }
@@ -162,7 +161,7 @@ async function aChangedRunIsTheOneOfItsCommand(browser) {
   await page.keyboard.press('End');
   await sees(page, 'command', /learning_rate=0\.3/);
   const command = await text(page, 'command');
-  assert.match(command, /--config configs\/plain\.json --seed 3 --set budget\.steps=6000 --set target\.kind=none --set replay\.capacity=64/);
+  assert.match(command, /--config plain --seed 3 --set budget\.steps=6000 --set target\.kind=none --set replay\.capacity=64/);
   await page.reload();
   await sees(page, 'source', /Plays/);
   assert.equal(await text(page, 'command'), command, 'the link does not hold the settings');
@@ -177,7 +176,7 @@ async function aChangedRunIsTheOneOfItsCommand(browser) {
   assert.equal(await text(page, 'sha256'), trained(command).weights_sha256);
   assert.match(await text(page, 'story'), /no target network.*no replay memory.*learning rate of 0\.3/s);
   await page.click('#undo');
-  await sees(page, 'command', /plain\.json --seed 3 --out/);
+  await sees(page, 'command', /--config plain --seed 3 --out/);
   await page.fill('#seed', 'x');
   await page.keyboard.press('Enter');
   await sees(page, 'problem', /These settings give no run.*seed/);
@@ -237,7 +236,7 @@ async function whatIsRefusedHasNoCommand(browser) {
     await page.setInputFiles('#file', path.join(folder, 'best.safetensors'));
     await until(page, 'episode.moment.steps > 5');
     await page.selectOption('#preset', 'plain');
-    await sees(page, 'command', /^cartpole-dqn train --config configs\/plain\.json --out/);
+    await sees(page, 'command', /^cartpole-dqn train --config plain --out/);
     assert(await page.isVisible('#same') && await page.isHidden('#message'));
     await page.close();
   }

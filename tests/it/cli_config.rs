@@ -110,23 +110,55 @@ fn candidates(words: &[&str]) -> Vec<String> {
     printed.lines().map(|line| line.split_once('\t').unwrap().0.to_owned()).collect()
 }
 
+/// The first word of each line of a section, without the short name of an option.
+fn words_of(help: &str, heading: &str) -> Vec<String> {
+    let section = help.lines().skip_while(|line| *line != heading).skip(1);
+    let section = section.take_while(|line| line.starts_with("  "));
+    let entries = section.filter(|line| !line.starts_with("          "));
+    let words =
+        entries.map(|line| line.split_whitespace().find(|word| !word.ends_with(',')).unwrap().to_owned());
+    words.collect()
+}
+
 #[test]
 fn every_command_and_every_option_is_completed() {
-    // The first word of each line of a section, without the short name of an option.
-    let words_of = |help: &str, heading: &str| -> Vec<String> {
-        let section = help.lines().skip_while(|line| *line != heading).skip(1);
-        let section = section.take_while(|line| line.starts_with("  "));
-        let entries = section.filter(|line| !line.starts_with("          "));
-        let words =
-            entries.map(|line| line.split_whitespace().find(|word| !word.ends_with(',')).unwrap().to_owned());
-        words.collect()
-    };
     let commands = candidates(&[""]);
     assert_eq!(commands, words_of(&stdout(&["--help"]), "Commands:"));
     for command in commands.iter().filter(|command| *command != "help") {
         let options = candidates(&[command, "--"]);
         let help = stdout(&[command, "-h"]);
         assert_eq!(options, words_of(&help, "Options:"), "{help}");
+    }
+}
+
+/// As `scripts/release.sh` packs them.
+#[test]
+fn every_command_has_a_man_page_with_all_its_options() {
+    let directory = tempfile::tempdir().unwrap();
+    clap_mangen::generate_to(cartpole_dqn::cli::command(), &directory).unwrap();
+    let entries = fs::read_dir(&directory).unwrap().map(|entry| entry.unwrap().path());
+    let mut pages: Vec<PathBuf> = entries.collect();
+    let (mut commands, mut next) = (vec![Vec::new()], 0);
+    while let Some(command) = commands.get(next).cloned() {
+        let arguments: Vec<&str> = command.iter().map(String::as_str).chain(["-h"]).collect();
+        let help = stdout(&arguments);
+        let name = [&["cartpole-dqn".to_owned()], &command[..]].concat().join("-") + ".1";
+        let page = fs::read_to_string(directory.path().join(&name)).unwrap_or_else(|_| panic!("no {name}"));
+        for option in words_of(&help, "Options:") {
+            assert!(page.contains(&option.replace('-', "\\-")), "{name} has no {option}");
+        }
+        for section in [".TH ", ".SH NAME", ".SH SYNOPSIS", ".SH DESCRIPTION"] {
+            assert!(page.lines().any(|line| line.starts_with(section)), "{name} has no {section}");
+        }
+        let below = words_of(&help, "Commands:").into_iter().filter(|word| word != "help");
+        commands.extend(below.map(|word| [&command[..], &[word]].concat()));
+        next += 1;
+    }
+    assert!(commands.len() == pages.len() && commands.len() > 15, "{commands:?} {pages:?}");
+    pages.sort();
+    match Command::new("groff").args(["-man", "-Kutf8", "-Tutf8", "-ww", "-z"]).args(&pages).output() {
+        Ok(output) => assert!(output.status.success() && output.stderr.is_empty(), "{output:?}"),
+        Err(error) => crate::skipped(&format!("there is no groff to read the man pages: {error}")),
     }
 }
 
@@ -154,6 +186,9 @@ fn a_path_is_completed_where_one_is_taken_and_nothing_where_a_number_is() {
         String::from_utf8(printed.get_output().stdout.clone()).unwrap()
     };
     assert_eq!(lines(&["train", "--config", "x"]), ":files\t\n");
+    assert_eq!(lines(&["train", "--config", "tu"]), "tutorial\ta beginner's tutorial in Keras\n:files\t\n");
+    assert_eq!(lines(&["study", "--config=fa"]).lines().count(), 2);
+    assert_eq!(lines(&["config", "show", "--config", "./tu"]), ":files\t\n");
     assert_eq!(lines(&["train", "--out=x"]), ":directories\t\n");
     assert_eq!(lines(&["eval", "--checkpoint", ""]), "runs/first\trun\n:files\t\n");
     assert_eq!(lines(&["train", "--resume", "ru"]), "runs/first\trun\n:directories\t\n");

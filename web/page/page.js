@@ -73,7 +73,7 @@ function start({ keepTraining = training } = {}) {
     number: run.number + 1, config: run.config, evaluations: [], statistics: [], episodes: [],
     epsilons: [], failure: null, refused: false, snapshot: null, before,
     state: { env_steps: 0, updates: 0, end: null }, seconds: 0, solvedSeconds: null,
-    input: { name: settings.preset ? `configs/${settings.preset}.json` : 'config.json', text: settings.text, sets: setList() },
+    input: { name: settings.preset ?? 'config.json', text: settings.text, sets: setList() },
   };
   problem(null);
   begin();

@@ -50,7 +50,7 @@ const quoted = word => (/^[\w.,:=/+-]+$/.test(word) ? word : `'${word.replaceAll
 
 function commandLine() {
   const words = ['cartpole-dqn', 'train'];
-  if (settings.preset !== 'cartpole') words.push('--config', settings.preset ? `configs/${settings.preset}.json` : 'config.json');
+  if (settings.preset !== 'cartpole') words.push('--config', settings.preset ?? 'config.json');
   for (const [key, value] of settings.sets) words.push(...(key === 'seed' ? ['--seed', value] : ['--set', `${key}=${value}`]));
   return [...words, '--out', 'runs/page'].map(quoted).join(' ');
 }

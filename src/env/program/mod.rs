@@ -4,11 +4,16 @@
 mod answer;
 mod process;
 
+use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use super::{Environment, EnvironmentError, Image, Outcome, Spec, Start};
+use crate::text::{excerpt, shell_line};
 use process::Process;
+
+/// The program of the repository that a shipped config names.
+const ADAPTER: &str = "adapters/gymnasium.py";
 
 /// Takes the name of a program and a line of its standard error. Returns whether somebody has seen the line: the others are
 /// repeated when the program fails.
@@ -55,6 +60,15 @@ impl Programs {
         let idle = self.idle().pop();
         if let (Some(process), Some(task)) = (idle, self.task.get()) {
             return Ok((process, Arc::clone(task)));
+        }
+        if self.command.iter().any(|word| word == ADAPTER) && !Path::new(ADAPTER).exists() {
+            return Err(EnvironmentError::new(
+                &excerpt(&shell_line(&self.command), 200),
+                &format!(
+                    "the current directory has no {ADAPTER}, which is part of the repository. Type the command in a clone, or \
+                     give the file's whole path with --set 'environment={{\"command\":[…]}}'"
+                ),
+            ));
         }
         let mut process = Process::start(&self.command, self.timeout, self.show)?;
         let said = process.hello()?;
