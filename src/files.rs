@@ -1,5 +1,5 @@
-//! Files that are either whole or not there, and reading what anybody may have written. No other file of this program
-//! changes anything on a disk.
+//! Files that are either whole or not there, and reading what anybody may have written. But for `os`, which has the calls
+//! below a held directory, no other file of this program changes anything on a disk.
 
 mod directory;
 

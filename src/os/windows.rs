@@ -13,17 +13,20 @@ pub(crate) mod directory {
     use std::io;
     use std::os::windows::fs::OpenOptionsExt;
     use std::path::Path;
+    use std::thread;
+    use std::time::Duration;
 
     use crate::os::by_path;
 
-    pub(crate) use by_path::{
-        Handle, create_dir, hard_link, is_at, is_link, open, open_inner, remove, rename, sync,
-    };
+    pub(crate) use by_path::{Handle, create_dir, hard_link, is_at, is_link, open, open_inner, remove, sync};
 
     const FILE_SHARE_READ: u32 = 1;
     const FILE_SHARE_DELETE: u32 = 4;
     const FILE_FLAG_OPEN_REPARSE_POINT: u32 = 0x0020_0000;
     const ERROR_SHARING_VIOLATION: i32 = 32;
+    /// How often a file is renamed, and the pause between.
+    const ATTEMPTS: u32 = 200;
+    const PAUSE: Duration = Duration::from_millis(10);
 
     fn unless_in_use(opened: io::Result<File>) -> io::Result<File> {
         opened.map_err(|error| match error.raw_os_error() {
@@ -47,6 +50,22 @@ pub(crate) mod directory {
 
     pub(crate) fn create_file(directory: &Handle, path: &Path) -> io::Result<File> {
         unless_in_use(by_path::create_file(&mut options(), directory, path))
+    }
+
+    /// A file that somebody has open, be it a report or a virus scanner, may not be replaced until it is closed.
+    pub(crate) fn rename(directory: &Handle, from: &Path, to: &Path) -> io::Result<()> {
+        for _ in 1..ATTEMPTS {
+            match by_path::rename(directory, from, to) {
+                Err(error)
+                    if error.kind() == io::ErrorKind::PermissionDenied
+                        || error.raw_os_error() == Some(ERROR_SHARING_VIOLATION) =>
+                {
+                    thread::sleep(PAUSE);
+                }
+                renamed => return renamed,
+            }
+        }
+        by_path::rename(directory, from, to)
     }
 
     /// A file that is open for writing has no other writer.
