@@ -1,16 +1,19 @@
-//! Files that are either whole or not there, and reading what anybody may have written. No other file of this program
-//! changes anything on a disk.
+//! Files that are either whole or not there, and reading what anybody may have written. But for `os`, which has the calls
+//! below a held directory, no other file of this program changes anything on a disk.
 
 mod directory;
 
 use std::ffi::OsStr;
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::hash::{BuildHasher, RandomState};
 use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use crate::os;
+
 pub use directory::Directory;
+pub(crate) use os::directory::lock;
 
 const PREFIX: &str = ".writing-";
 const SUFFIX: &str = ".tmp";
@@ -125,12 +128,12 @@ impl Directory {
 
     /// Removes an unfinished file, unless a process still writes it.
     pub(crate) fn remove_abandoned(&self, path: &Path) -> io::Result<()> {
-        let file = if path.is_symlink() { None } else { open_ordinary(path).ok() };
-        if file.as_ref().is_some_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock))) {
-            return Ok(());
+        let file = if path.is_symlink() { None } else { Some(open_shared(path)) };
+        match file {
+            Some(Err(error)) if error.kind() == io::ErrorKind::WouldBlock => Ok(()),
+            // The lock is held until the file is gone.
+            _lock => self.remove_if_there(path),
         }
-        // The lock is held until the file is gone.
-        self.remove_if_there(path)
     }
 
     /// Removes a file, which may be missing.
@@ -174,7 +177,6 @@ impl<'a> Unfinished<'a> {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
                 made => made.map_err(|error| without_name(error, &path))?,
             };
-            // A file system without locks is no reason to refuse.
             let _ = file.lock();
             // Before it was locked another process may have taken it for abandoned.
             if directory.is_at(&file, &path) {
@@ -212,11 +214,13 @@ fn without_name(error: io::Error, path: &Path) -> io::Error {
 
 /// Opens an ordinary file to read it: a pipe could wait for ever, a device have no end.
 pub(crate) fn open_ordinary(path: &Path) -> io::Result<File> {
-    if fs::metadata(path)?.is_file() { File::open(path) } else { Err(not_ordinary()) }
+    if fs::metadata(path)?.is_file() { File::open(path) } else { Err(os::not_ordinary()) }
 }
 
-fn not_ordinary() -> io::Error {
-    io::Error::new(io::ErrorKind::InvalidInput, "not an ordinary file")
+/// As [`open_ordinary`]. Another process may only read the file as long as the result lives; the error is
+/// [`io::ErrorKind::WouldBlock`] where another one writes it.
+pub(crate) fn open_shared(path: &Path) -> io::Result<File> {
+    if fs::metadata(path)?.is_file() { os::directory::open_shared(path) } else { Err(os::not_ordinary()) }
 }
 
 /// Reads an ordinary file of at most `max_bytes`. A file that is larger is refused before anything of it is read.

@@ -3,6 +3,7 @@
 //!
 //! | module | what it holds |
 //! | --- | --- |
+//! | `os` | what differs between Linux, macOS and Windows |
 //! | [`rng`] | one seed, one stream of random numbers per consumer |
 //! | [`mirror`], [`memory`] | the mirror image of a task; whether there is enough memory |
 //! | [`text`] | how a foreign name is shown; tables and sentences that fit a terminal |
@@ -57,6 +58,7 @@ pub mod files;
 pub mod memory;
 pub mod mirror;
 pub mod nn;
+pub(crate) mod os;
 #[cfg(feature = "report")]
 pub mod report;
 pub mod rng;

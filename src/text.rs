@@ -1,6 +1,6 @@
 //! Text for a terminal: how a foreign name is shown, and how tables and sentences fit a line.
 
-use std::path::Path;
+use std::path::{Path, is_separator};
 
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
@@ -57,7 +57,7 @@ pub(crate) fn excerpt(text: &str, length: usize) -> String {
 /// bash, zsh and ksh know, and these characters as their bytes.
 pub(crate) fn shell_word(word: &str) -> String {
     let is_unseen = |c: char| steers(c) || c.width() == Some(0);
-    let is_plain = |c: char| c.is_alphanumeric() || "/:._-+=,".contains(c) || (cfg!(windows) && c == '\\');
+    let is_plain = |c: char| c.is_alphanumeric() || ":._-+=,".contains(c) || is_separator(c);
     if word.chars().any(is_unseen) {
         return format!("$'{}'", word.chars().map(|c| ansi_c(c, is_unseen(c))).collect::<String>());
     }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::fs::TryLockError;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -14,7 +13,7 @@ use serde_json::{Value, json};
 use super::find::{RUNS, find, written_at};
 use super::ui::{Failure, note, print, print_json};
 use crate::config::Config;
-use crate::files::open_ordinary;
+use crate::files::open_shared;
 use crate::run::names::{LAST, PREVIOUS};
 use crate::run::{RunDir, read_events};
 use crate::text::{COLUMNS, legend, lines, shortened, shown, table, visible};
@@ -156,8 +155,7 @@ impl ListedRun {
 /// Whether another process trains the run of this metrics file. The question takes a shared lock for a moment, which is why
 /// `train` tries several times to get its own.
 fn is_locked(metrics: &Path) -> bool {
-    let file = open_ordinary(metrics);
-    file.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    open_shared(metrics).is_err_and(|error| error.kind() == io::ErrorKind::WouldBlock)
 }
 
 fn changed_keys(config: &Config) -> BTreeMap<&'static str, Value> {

@@ -7,18 +7,10 @@ use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::iterator;
-use signal_hook::low_level::exit;
-
 use super::ui::Failure;
 use crate::files::remove_own_unfinished;
+use crate::os::{INTERRUPTED, TERMINATED, signals};
 use crate::view::Interrupts;
-
-/// 128 + SIGINT, as shells have it.
-const INTERRUPTED: u8 = 130;
-/// 128 + SIGTERM.
-const TERMINATED: u8 = 143;
 
 /// The run to stop on the first signal; most commands have none.
 static LISTENER: OnceLock<Signals> = OnceLock::new();
@@ -38,26 +30,14 @@ pub(super) struct Signals {
 
 /// Takes the signals from now on. One that ends the process removes the files that it has not finished.
 pub(super) fn watch() -> io::Result<()> {
-    let mut signals = vec![SIGINT, SIGTERM];
-    #[cfg(unix)]
-    if !hangup_is_ignored() {
-        signals.push(signal_hook::consts::SIGHUP);
-    }
-    let mut signals = iterator::Signals::new(signals)?;
-    let handle = move || {
-        for signal in &mut signals {
-            let exit_code = if signal == SIGINT { INTERRUPTED } else { TERMINATED };
-            match LISTENER.get() {
-                Some(listener) if !listener.interrupts.at_once.load(Ordering::Relaxed) => {
-                    listener.exit_code.store(exit_code, Ordering::Relaxed);
-                    listener.interrupts.arrived.store(true, Ordering::Relaxed);
-                    listener.stop.store(true, Ordering::Release);
-                }
-                _ => end(exit_code),
-            }
+    signals::watch(|exit_code| match LISTENER.get() {
+        Some(listener) if !listener.interrupts.at_once.load(Ordering::Relaxed) => {
+            listener.exit_code.store(exit_code, Ordering::Relaxed);
+            listener.interrupts.arrived.store(true, Ordering::Relaxed);
+            listener.stop.store(true, Ordering::Release);
         }
-    };
-    thread::Builder::new().name("signals".into()).spawn(handle).map(drop)
+        _ => end(exit_code),
+    })
 }
 
 /// The exit code of the signal that asks this process to stop. Waits for a moment: a signal to a group of processes can end
@@ -75,7 +55,7 @@ pub(super) fn asked() -> Option<u8> {
 
 fn end(exit_code: u8) {
     let _no_more = remove_own_unfinished();
-    exit(exit_code.into());
+    signals::exit(exit_code.into());
 }
 
 impl Signals {
@@ -126,12 +106,4 @@ impl Signals {
         let signals = self.clone();
         move || end(signals.exit_code())
     }
-}
-
-/// Whether the process was started to outlive its terminal: `nohup` sets SIGHUP, the lowest bit, to be ignored.
-#[cfg(unix)]
-fn hangup_is_ignored() -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_some_and(|mask| mask & 1 == 1)
 }

@@ -98,7 +98,7 @@ impl EnvironmentConfig {
     }
 
     /// Allows the program to be started. `show` takes its command and each line of its standard error.
-    #[cfg(all(unix, feature = "program"))]
+    #[cfg(feature = "program")]
     pub(crate) fn allow(&mut self, show: crate::env::program::ShowLine) {
         if let Self::Program(program) = self {
             let programs = Arc::new(crate::env::program::Programs::new(

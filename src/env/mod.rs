@@ -8,7 +8,7 @@ mod cartpole;
 pub mod catalogue;
 pub(crate) mod map;
 mod mountain_car;
-#[cfg(all(unix, feature = "program"))]
+#[cfg(feature = "program")]
 pub mod program;
 pub(crate) mod scene;
 mod time_limit;

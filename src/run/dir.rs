@@ -1,6 +1,6 @@
 //! The directory of one run.
 
-use std::fs::{self, DirEntry, File, TryLockError};
+use std::fs::{self, DirEntry, File};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -13,9 +13,7 @@ use super::names::{
 };
 use super::{Checkpoint, RunError, bad, unwritable};
 use crate::config::{Config, MAX_BYTES};
-use crate::files::{
-    Directory, create_folders, is_unfinished, open_ordinary, read_text_limited, remove_empty,
-};
+use crate::files::{Directory, create_folders, is_unfinished, open_shared, read_text_limited, remove_empty};
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::text::shown;
 use crate::trainer::{Evaluation, Summary};
@@ -169,12 +167,10 @@ impl RunDir {
 
     /// Keeps other processes from changing the run until the file is dropped. The file need not be writable.
     pub fn share(&self) -> Result<File, RunError> {
-        let file = open_ordinary(&self.metrics())
-            .map_err(|error| bad(&self.path, format!("cannot be read: {METRICS}: {error}")))?;
-        match file.try_lock_shared() {
-            Err(TryLockError::WouldBlock) => Err(in_use(&self.path)),
-            Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
-        }
+        open_shared(&self.metrics()).map_err(|error| match error.kind() {
+            io::ErrorKind::WouldBlock => in_use(&self.path),
+            _ => bad(&self.path, format!("cannot be read: {METRICS}: {error}")),
+        })
     }
 
     pub(crate) fn read_config(&self) -> Result<Config, RunError> {

@@ -1,12 +1,12 @@
 //! `metrics.jsonl`: one event a line.
 
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
-use crate::files::Directory;
+use crate::files::{Directory, lock};
 use crate::trainer::{Event, Observer};
 
 /// How often the lock is tried, and the pause between. `runs` holds it for microseconds, a process that trains until it ends.
@@ -20,11 +20,22 @@ pub struct JsonLines {
     file: File,
 }
 
+/// Tries again what another process is in the way of.
+fn patiently<T>(attempt: impl Fn() -> io::Result<T>) -> io::Result<T> {
+    for _ in 1..ATTEMPTS {
+        match attempt() {
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => thread::sleep(PAUSE),
+            done => return done,
+        }
+    }
+    attempt()
+}
+
 impl JsonLines {
     /// Opens an existing file; [`Self::cut`] says where the next event is written. The error is [`io::ErrorKind::WouldBlock`] when
     /// another process has the file, here and below.
     pub fn open(directory: &Directory, path: &Path) -> io::Result<Self> {
-        Self::lock(directory.open_file(path)?, directory, path)
+        Self::lock(patiently(|| directory.open_file(path))?, directory, path)
     }
 
     pub fn create(directory: &Directory, path: &Path) -> io::Result<Self> {
@@ -32,20 +43,8 @@ impl JsonLines {
     }
 
     fn lock(file: File, directory: &Directory, path: &Path) -> io::Result<Self> {
-        for attempt in 0..ATTEMPTS {
-            if attempt > 0 {
-                thread::sleep(PAUSE);
-            }
-            match file.try_lock() {
-                Err(TryLockError::WouldBlock) => {}
-                // A file system without locks is no reason to refuse.
-                Ok(()) | Err(TryLockError::Error(_)) if directory.is_at(&file, path) => {
-                    return Ok(Self { file });
-                }
-                Ok(()) | Err(TryLockError::Error(_)) => break,
-            }
-        }
-        Err(io::ErrorKind::WouldBlock.into())
+        patiently(|| lock(&file))?;
+        if directory.is_at(&file, path) { Ok(Self { file }) } else { Err(io::ErrorKind::WouldBlock.into()) }
     }
 
     /// Keeps only the first `lines` lines; changes nothing and returns false if there are fewer whole lines.

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use super::{Study, StudyError, Trial, TrialSummary};
 use crate::files::{Directory, open_ordinary, random_name, read_text_limited};
+use crate::os::host_name;
 use crate::run::names::MANIFEST;
 use crate::text::shown;
 
@@ -302,10 +303,7 @@ impl TrialWriter {
     /// A new file, of a name that no other process has.
     pub(super) fn new(study_dir: &StudyDir) -> Result<Self, StudyError> {
         let trials = study_dir.path.join(TRIALS);
-        #[cfg(not(target_family = "wasm"))]
-        let host = gethostname::gethostname().to_string_lossy().replace(|c: char| !c.is_alphanumeric(), "_");
-        #[cfg(target_family = "wasm")]
-        let host = "wasm";
+        let host = host_name().replace(|c: char| !c.is_alphanumeric(), "_");
         let directory = study_dir.directory.clone();
         let path = trials.join(format!("{host}-{}-{}.{EXTENSION}", std::process::id(), random_name()));
         let new = directory.create_dir(&trials).and_then(|_| directory.create_file(&path));

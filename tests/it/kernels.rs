@@ -1,7 +1,9 @@
 //! The fast kernels against the naive reference, bit for bit, on every instruction set that this CPU has.
 
+use std::cmp::Ordering;
+
 use cartpole_dqn::nn::kernels::{
-    AdamCoefficients, InstructionSet, fast, mul_add_in_f64, reference, scratch_len,
+    AdamCoefficients, InstructionSet, Kernels, fast, mul_add_in_f64, reference, scratch_len,
 };
 use cartpole_dqn::rng::Rng;
 use nalgebra::DMatrix;
@@ -198,18 +200,65 @@ fn refuses_a_layer_whose_length_overflows() {
     fast::input_gradient(InstructionSet::SCALAR, &dy, &[], &x, scratch, &mut x.clone());
 }
 
+/// The reference's multiply-add: a layer of one weight and its bias.
+fn fused<T: Kernels>(x: T, y: T, z: T) -> T {
+    let mut sum = DMatrix::from_element(1, 1, z);
+    reference::affine(&DMatrix::from_element(1, 1, x), &[y, z], false, &mut sum);
+    sum[(0, 0)]
+}
+
+/// In integers: m · 2ᵉ where m has at most `bits` bits, rounded to the even one of two that are equally near.
+fn rounded(m: i128, bits: u32) -> i128 {
+    let dropped = (128 - m.unsigned_abs().leading_zeros()).saturating_sub(bits);
+    let (unit, below) = (1 << dropped, m.rem_euclid(1 << dropped));
+    let floor = m - below;
+    match (2 * below).cmp(&unit) {
+        Ordering::Less => floor,
+        Ordering::Equal if (floor >> dropped) % 2 == 0 => floor,
+        _ => floor + unit,
+    }
+}
+
+/// On every target, whatever its C library does: sums of integers that are too long for the float, many of them halfway between
+/// two floats.
+#[test]
+fn the_references_multiply_add_rounds_once() {
+    let mut rng = Rng::from_seed(14);
+    let mut rounded_twice_differ = [0, 0];
+    for _ in 0..1_000_000 {
+        let mut whole = |most: u64| {
+            let bits = 1 + rng.below(most);
+            rng.below(1 << bits) as i128 * if rng.below(2) == 0 { -1 } else { 1 }
+        };
+        let [x, y, z] = [whole(24), whole(24), whole(24) << (whole(6).unsigned_abs() % 50)];
+        let expected = rounded(x * y + z, 24);
+        assert_eq!(fused(x as f32, y as f32, z as f32) as i128, expected, "{x} · {y} + {z} in f32");
+        rounded_twice_differ[0] += u32::from((x as f32 * y as f32 + z as f32) as i128 != expected);
+
+        let [x, y, z] = [whole(53), whole(53), whole(53) << (whole(6).unsigned_abs() % 60)];
+        let expected = rounded(x * y + z, 53);
+        assert_eq!(fused(x as f64, y as f64, z as f64) as i128, expected, "{x} · {y} + {z} in f64");
+        rounded_twice_differ[1] += u32::from((x as f64 * y as f64 + z as f64) as i128 != expected);
+    }
+    assert!(rounded_twice_differ.iter().all(|&count| count > 1000), "{rounded_twice_differ:?}");
+}
+
 /// Numbers of few bits, whose sums are often halfway between two f32.
 #[test]
 fn a_multiply_add_in_f64_has_the_bits_of_the_fused_one() {
     let mut rng = Rng::from_seed(13);
     let mut rounded_twice_differ = 0;
     let mut check = |x: f32, y: f32, z: f32| {
-        let (ours, expected) = (mul_add_in_f64(x, y, z), x.mul_add(y, z));
-        assert_eq!(
-            ours.to_bits(),
-            expected.to_bits(),
-            "{x:e} · {y:e} + {z:e}: {ours:e}, expected {expected:e}"
-        );
+        let expected = fused(x, y, z);
+        // The C library of Linux and of macOS, or the instruction.
+        let system = if cfg!(windows) { expected } else { x.mul_add(y, z) };
+        for ours in [mul_add_in_f64(x, y, z), system] {
+            assert_eq!(
+                ours.to_bits(),
+                expected.to_bits(),
+                "{x:e} · {y:e} + {z:e}: {ours:e}, expected {expected:e}"
+            );
+        }
         rounded_twice_differ += u32::from((f64::from(x) * f64::from(y) + f64::from(z)) as f32 != expected);
     };
     for _ in 0..1_000_000 {
@@ -230,7 +279,7 @@ fn a_multiply_add_in_f64_has_the_bits_of_the_fused_one() {
         }
     }
     for special in [f32::NAN, f32::INFINITY, f32::MAX, -0.0, f32::MIN_POSITIVE] {
-        let bits = (mul_add_in_f64(special, -2.0, 1.0), special.mul_add(-2.0, 1.0));
+        let bits = (mul_add_in_f64(special, -2.0, 1.0), fused(special, -2.0, 1.0));
         assert!(bits.0.to_bits() == bits.1.to_bits() || (bits.0.is_nan() && bits.1.is_nan()), "{bits:?}");
     }
     assert!(rounded_twice_differ > 1000, "{rounded_twice_differ} sums would be wrong if rounded twice");

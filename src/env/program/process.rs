@@ -2,19 +2,14 @@
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::os::fd::AsFd;
-use std::os::unix::process::CommandExt;
 use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::io::Errno;
-use rustix::process::{Pid, Signal, kill_process_group};
-
 use super::super::EnvironmentError;
 use super::{Answer, ShowLine};
+use crate::os::programs;
 use crate::text::{excerpt, shell_line, visible};
 
 /// Longest answer in bytes; a picture may be longer.
@@ -25,9 +20,6 @@ const MAX_ERROR_LINE: u64 = 1 << 12;
 const LAST_LINES: usize = 5;
 /// How long a process has for its end, first after the end of its standard input and then after SIGTERM.
 const GRACE: Duration = Duration::from_secs(1);
-/// A shell that waits for the end of its standard input, which is our end, and then ends the process group `$1`. The program
-/// has two seconds to end by itself.
-const GUARD: &str = r#"read -r _; sleep 2; kill -s KILL -- "-$1""#;
 
 /// A running program. It is in a process group of its own, which ends with this value, and also when our process is killed.
 pub(super) struct Process {
@@ -52,20 +44,16 @@ impl Process {
         let error = |problem: String| EnvironmentError::new(&name, &problem);
         let (program, arguments) =
             command.split_first().ok_or_else(|| error("there is no command".into()))?;
-        let spawned = Command::new(program)
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .process_group(0)
-            .spawn();
-        let mut child = spawned.map_err(|problem| {
-            error(format!(
+        let mut command = Command::new(program);
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = programs::start(&mut command).map_err(|problem| match problem.kind() {
+            std::io::ErrorKind::Unsupported => error(problem.to_string()),
+            _ => error(format!(
                 "cannot be started: {problem}. `environment.command` is a list of the program and its arguments; without a \
                  slash the program is searched in PATH, and other paths begin at the current directory"
-            ))
+            )),
         })?;
-        let guard = guard(&child);
+        let guard = programs::guard(&child);
         let last_lines = Arc::new(Mutex::new(VecDeque::new()));
         let pipes = child.stdin.take().zip(child.stdout.take());
         let (stderr, kept, mark) = (child.stderr.take(), Arc::clone(&last_lines), name.clone());
@@ -84,7 +72,7 @@ impl Process {
         let deadline = Instant::now() + self.timeout;
         let written = match &mut self.pipes {
             // A request is shorter than what a pipe with room takes without blocking.
-            Some((stdin, _)) if is_ready(stdin, PollFlags::OUT, self.timeout) => {
+            Some((stdin, _)) if programs::is_writable(stdin, self.timeout) => {
                 stdin.write_all(format!("{request}\n").as_bytes())
             }
             Some(_) => return Err(self.silence("read", request, "")),
@@ -140,7 +128,7 @@ impl Process {
 
     /// Waits until there is something to read, or the end of the pipe.
     fn is_readable(&self, timeout: Duration) -> bool {
-        self.pipes.as_ref().is_none_or(|(_, stdout)| is_ready(stdout, PollFlags::IN, timeout))
+        self.pipes.as_ref().is_none_or(|(_, stdout)| programs::is_readable(stdout, timeout))
     }
 
     /// Reads what there is; 0 bytes at the end of the pipe.
@@ -197,45 +185,17 @@ const STDOUT: &str =
 impl Drop for Process {
     fn drop(&mut self) {
         self.pipes = None;
-        let group = Pid::from_child(&self.child);
         if self.wait().is_none() {
-            let _ = kill_process_group(group, Signal::TERM);
+            programs::terminate(&self.child);
             self.wait();
         }
-        // Whatever is left of the group.
-        let _ = kill_process_group(group, Signal::KILL);
+        programs::kill(&self.child);
         let _ = self.child.wait();
         if let Some(guard) = &mut self.guard {
             let _ = guard.kill();
             let _ = guard.wait();
         }
     }
-}
-
-/// Waits until a pipe can be read or written, or has no other end.
-fn is_ready(pipe: &impl AsFd, what: PollFlags, timeout: Duration) -> bool {
-    let deadline = Instant::now() + timeout;
-    loop {
-        let left = deadline.saturating_duration_since(Instant::now());
-        let left = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
-        match poll(&mut [PollFd::new(pipe, what)], Some(&left)) {
-            Err(Errno::INTR) => {}
-            Ok(ready) => return ready > 0,
-            Err(_) => return true,
-        }
-    }
-}
-
-/// Starts what ends the program when we are killed. Without a shell, only the end of its standard input tells the program.
-fn guard(child: &Child) -> Option<Child> {
-    Command::new("/bin/sh")
-        .args(["-c", GUARD, "guard", &child.id().to_string()])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .process_group(0)
-        .spawn()
-        .ok()
 }
 
 /// Shows standard error line by line, and keeps the last lines.

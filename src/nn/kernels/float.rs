@@ -30,8 +30,12 @@ pub trait Float:
     fn clamp(self, low: Self, high: Self) -> Self;
 }
 
+/// Whether the standard library's `mul_add` is an instruction, because every CPU of the target has one. Elsewhere it calls the
+/// C library, and that of MinGW rounds twice.
+const HAS_FUSED: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
+
 macro_rules! float {
-    ($($type:ty)*) => {$(
+    ($($type:ty, $fused:path;)*) => {$(
         impl Float for $type {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -42,7 +46,7 @@ macro_rules! float {
             }
             #[inline(always)]
             fn mul_add(self, factor: Self, summand: Self) -> Self {
-                self.mul_add(factor, summand)
+                if HAS_FUSED { self.mul_add(factor, summand) } else { $fused(self, factor, summand) }
             }
             #[inline(always)]
             fn sqrt(self) -> Self {
@@ -62,10 +66,10 @@ macro_rules! float {
     )*};
 }
 
-float!(f32 f64);
+float!(f32, libm::fmaf; f64, libm::fma;);
 
-/// x · y + z, rounded once, by f64 arithmetic alone. WebAssembly has no instruction for it, and the library function that
-/// `f32::mul_add` would call is slow.
+/// x · y + z, rounded once, by f64 arithmetic alone. WebAssembly has no instruction for it, and a call of a function is slow
+/// there.
 #[doc(hidden)]
 #[inline(always)]
 pub fn mul_add_in_f64(x: f32, y: f32, z: f32) -> f32 {

@@ -61,7 +61,7 @@ unsafe impl Vector for Scalar {
     }
     #[inline(always)]
     fn mul_add(self, factor: Self, summand: Self) -> Self {
-        let mul_add = if cfg!(target_arch = "wasm32") { mul_add_in_f64 } else { f32::mul_add };
+        let mul_add = if cfg!(target_arch = "wasm32") { mul_add_in_f64 } else { Float::mul_add };
         Self(std::array::from_fn(|lane| mul_add(self.0[lane], factor.0[lane], summand.0[lane])))
     }
     #[inline(always)]

@@ -1,0 +1,33 @@
+//! What differs between operating systems, one file for each: how a directory is held and a file is locked, which signals
+//! there are, and how a program is started and ended with all that it has started itself. No other room asks which system it
+//! is.
+
+use std::io;
+
+#[cfg(unix)]
+mod unix;
+#[cfg(unix)]
+pub(crate) use unix::*;
+
+#[cfg(windows)]
+mod windows;
+#[cfg(windows)]
+pub(crate) use windows::*;
+
+#[cfg(target_family = "wasm")]
+mod wasm;
+#[cfg(target_family = "wasm")]
+pub(crate) use wasm::*;
+
+/// Systems on which nothing can be reached relative to an open directory.
+#[cfg(not(unix))]
+mod by_path;
+
+/// The exit code after Ctrl-C: 128 + SIGINT, as shells have it.
+pub(crate) const INTERRUPTED: u8 = 130;
+/// The exit code after the wish of another process: 128 + SIGTERM.
+pub(crate) const TERMINATED: u8 = 143;
+
+pub(crate) fn not_ordinary() -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, "not an ordinary file")
+}
