@@ -16,10 +16,11 @@ from . import _tensors
 from ._run import PathLike, shown
 
 NEEDED = ("observations", "actions", "rewards", "next_observations", "terminated")
-OPTIONAL = ("truncated", "discounts")
+OPTIONAL = ("truncated", "discounts", "weights")
 RESULTS = ("targets", "loss", "gradients", "online")
 SETTINGS = (
     "gamma", "loss", "double", "learning_rate", "beta1", "beta2", "epsilon", "epsilon_place", "max_gradient_norm",
+    "clip_value", "huber_delta", "optimizer_name", "weight_decay", "amsgrad", "momentum", "alpha", "environment",
 )  # fmt: skip
 
 
@@ -57,7 +58,8 @@ def save_update(
             or of the network of a model of Keras, is read from there: it must then not call `zero_grad` at its end.
         settings: how the update should be computed: gamma (0.99), loss ("mse" or "huber"), double (False), learning_rate
             (0.001), beta1 (0.9), beta2 (0.999), epsilon (1e-8; for Keras 1e-7), epsilon_place ("pytorch"; for Keras
-            "tensorflow"), max_gradient_norm (none).
+            "tensorflow"), max_gradient_norm (none), clip_value (none), huber_delta (1), environment; and, where PyTorch's
+            optimizer does not say them itself, optimizer_name ("adam", "adamw", "rmsprop", "sgd"), weight_decay, amsgrad, momentum, alpha.
 
     Raises ValueError, and writes nothing, if something is missing or not of the form that is said here; before the update,
     except for what the update returns.
@@ -67,6 +69,9 @@ def save_update(
         raise ValueError(f"there is no setting {shown(unknown[0])}; the settings are {', '.join(SETTINGS)}")
     if _is_keras(online):
         settings = {"epsilon": 1e-7, "epsilon_place": "tensorflow", **settings}
+    settings = {**_optimizer_settings(optimizer), **settings}
+    if "optimizer_name" in settings:
+        settings["optimizer"] = settings.pop("optimizer_name")
     text = json.dumps(settings, default=_number)
     file = _network("online", online)
     shapes = {name.partition(".")[2]: array.shape for name, array in file.items()}
@@ -78,7 +83,13 @@ def save_update(
         file["adam.steps"] = np.array([steps], dtype=np.int64)
         file.update(_network("adam.m", first, shapes))
         file.update(_network("adam.v", second, shapes))
+    for name, values in _other_moments(optimizer, online).items():
+        file.update(_network(name, values, shapes))
     file.update(_batch(batch, shapes["0.weight"][1]))
+    if _is_torch(online):
+        before = [parameter.grad for parameter in online.parameters()]
+        if all(gradient is not None for gradient in before):
+            file.update(_network("before.gradients", before, shapes))
     if callable(update):
         file.update(_results(_with_own(update(), online), shapes))
     else:
@@ -172,6 +183,30 @@ def _adam(optimizer: Any, online: Any) -> Optional[tuple[int, Any, Any]]:
         )
     found = next((state for state in _walk(optimizer) if hasattr(state, "mu") and hasattr(state, "nu")), None)
     return None if found is None or int(_array(found.count)) == 0 else (int(_array(found.count)), found.mu, found.nu)
+
+
+def _optimizer_settings(optimizer: Any) -> dict[str, Any]:
+    """What an optimizer of PyTorch says of itself, where all its parameters have the same; of others nothing."""
+    groups = getattr(optimizer, "param_groups", None)
+    kinds = {"Adam": "adam", "AdamW": "adamw", "RMSprop": "rmsprop", "SGD": "sgd"}
+    kind = kinds.get(type(optimizer).__name__)
+    if not groups or kind is None or any(group.get(name) for group in groups for name in ("nesterov", "dampening", "centered", "maximize")):
+        return {}
+    group = groups[0]
+    names = {"learning_rate": "lr", "epsilon": "eps", "weight_decay": "weight_decay", "amsgrad": "amsgrad", "momentum": "momentum", "alpha": "alpha"}
+    settings = {name: group[own] for name, own in names.items() if own in group}
+    settings |= dict(zip(("beta1", "beta2"), group.get("betas", ())))
+    settings = {name: value if isinstance(value, bool) else float(value) for name, value in settings.items()}
+    return {"optimizer": kind, **settings}
+
+
+def _other_moments(optimizer: Any, online: Any) -> dict[str, list[Any]]:
+    """What optimizers of PyTorch remember besides Adam's moments, if it is there of all parameters."""
+    if not hasattr(optimizer, "param_groups") or not _is_torch(online):
+        return {}
+    states = [optimizer.state.get(parameter, {}) for parameter in online.parameters()]
+    names = {"adam.vmax": "max_exp_avg_sq", "adam.m": "momentum_buffer", "adam.v": "square_avg"}
+    return {name: [state[own] for state in states] for name, own in names.items() if all(state.get(own) is not None for state in states)}
 
 
 def _walk(state: Any) -> Iterator[Any]:

@@ -10,6 +10,7 @@ use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use crate::env::catalogue::EnvironmentId;
 use crate::files::{read_limited, read_rest};
 use crate::nn::{Loss, Mlp};
 use crate::tensors::{check_count, foreign_format, header_of, read_network};
@@ -19,6 +20,8 @@ use crate::text::shown;
 const MAX_FILE_SIZE: u64 = 1 << 28;
 /// Most samples in a batch: some mistakes pair every sample with every other.
 const MAX_BATCH: usize = 1 << 13;
+/// Most samples with targets [batch, batch].
+const MAX_SQUARE: usize = 1 << 10;
 /// Most products of one forward pass.
 const MAX_PRODUCTS: usize = 1 << 30;
 /// The network's outputs are the actions; an action is one byte.
@@ -37,8 +40,10 @@ pub struct Update {
     /// The target network; none if the online network bootstraps itself.
     pub target: Option<Mlp<f64>>,
     pub batch: Batch,
-    /// Adam before the update.
+    /// The optimiser before the update.
     pub adam: Moments,
+    /// The gradients that were there before the update.
+    pub before: Option<Mlp<f64>>,
     pub results: Results,
     /// The unit of rounding of what they computed: 2⁻²⁴ for f32, 2⁻⁵³ for f64.
     pub rounding_unit: f64,
@@ -65,6 +70,53 @@ pub struct Settings {
     /// Norm to which a longer gradient is shortened, above 0; none if it is left alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_gradient_norm: Option<f64>,
+    /// Size to which every element of the gradient is shortened, above 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clip_value: Option<f64>,
+    /// Where Huber's loss becomes linear, above 0.
+    #[serde(skip_serializing_if = "is_one")]
+    pub huber_delta: f64,
+    #[serde(skip_serializing_if = "is_default")]
+    pub optimizer: OptimizerName,
+    /// Of AdamW the share of α by which the weights shrink; of the others what is added to the gradient. The default is
+    /// AdamW's 0.01, else 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weight_decay: Option<f64>,
+    #[serde(skip_serializing_if = "is_default")]
+    pub amsgrad: bool,
+    /// Of RMSprop and SGD, 0…1.
+    #[serde(skip_serializing_if = "is_default")]
+    pub momentum: f64,
+    /// RMSprop's smoothing, 0 ≤ α < 1.
+    #[serde(skip_serializing_if = "is_default_alpha")]
+    pub alpha: f64,
+    /// The task, if the program knows it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment: Option<EnvironmentId>,
+}
+
+const ALPHA: f64 = 0.99;
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+fn is_one(value: &f64) -> bool {
+    *value == 1.0
+}
+
+fn is_default_alpha(value: &f64) -> bool {
+    *value == ALPHA
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OptimizerName {
+    #[default]
+    Adam,
+    AdamW,
+    RmsProp,
+    Sgd,
 }
 
 impl Default for Settings {
@@ -79,6 +131,14 @@ impl Default for Settings {
             epsilon: 1e-8,
             epsilon_place: EpsilonPlace::PyTorch,
             max_gradient_norm: None,
+            clip_value: None,
+            huber_delta: 1.0,
+            optimizer: OptimizerName::Adam,
+            weight_decay: None,
+            amsgrad: false,
+            momentum: 0.0,
+            alpha: ALPHA,
+            environment: None,
         }
     }
 }
@@ -105,6 +165,8 @@ pub struct Batch {
     pub truncated: Option<Vec<bool>>,
     /// What multiplies the value of the next observation: γ, or with n-step rewards γᵏ.
     pub discounts: Vec<f64>,
+    /// What multiplies the loss of each sample.
+    pub weights: Option<Vec<f64>>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -114,18 +176,24 @@ pub struct Moments {
     /// m and v, as networks.
     pub first: Mlp<f64>,
     pub second: Mlp<f64>,
+    /// The largest v so far, of amsgrad.
+    pub largest: Option<Mlp<f64>>,
 }
 
 /// What somebody computed, as far as they say.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Results {
-    /// The TD targets, (batch).
+    /// Q(s, ·), (batch, actions), as the online network gave it before the update.
+    pub q: Option<DMatrix<f64>>,
+    /// The TD targets, (batch); or (batch, batch), row by row, which is a mistake.
     pub targets: Option<Vec<f64>>,
     pub loss: Option<f64>,
     /// What the optimiser got.
     pub gradients: Option<Mlp<f64>>,
     /// The online network after the step.
     pub online: Option<Mlp<f64>>,
+    /// The target network after the update.
+    pub target: Option<Mlp<f64>>,
 }
 
 /// Why a file is no update.
@@ -138,8 +206,9 @@ pub struct UpdateError {
 
 const POLICY: &str = "holds a policy, which `eval` plays, and no update; docs/check.md has the function of Python that writes one";
 const TABLE: &str = "holds a table of Q-values; `check` is about the update of a network, and docs/q_learning.md has that of a table";
-const UNKNOWN: &str = "expected names are `online.…`, `target.…`, `adam.…`, `result.…` as in docs/check.md, and `batch.` with \
-                       `observations`, `actions`, `rewards`, `next_observations`, `terminated`, `truncated`, `discounts`";
+const UNKNOWN: &str = "expected names are `online.…`, `target.…`, `adam.…`, `before.…`, `result.…` as in docs/check.md, and \
+                       `batch.` with `observations`, `actions`, `rewards`, `next_observations`, `terminated`, `truncated`, \
+                       `discounts`, `weights`";
 const TOO_LARGE: &str = "is too large an update to check";
 const NO_RESULT: &str = "holds no result to check; expected `result.targets`, `result.loss`, `result.gradients.0.weight`, … or \
                          `result.online.0.weight`, …";
@@ -195,9 +264,19 @@ impl Settings {
         HashMap::from([(SETTINGS.to_owned(), json!(self).to_string())])
     }
 
+    /// What `weight_decay` stands for where it is left out: PyTorch's defaults.
+    pub(super) fn weight_decay(&self) -> f64 {
+        let default = if self.optimizer == OptimizerName::AdamW { 0.01 } else { 0.0 };
+        self.weight_decay.unwrap_or(default)
+    }
+
     fn validate(&self) -> Result<(), String> {
-        let Self { gamma, learning_rate, beta1, beta2, epsilon, max_gradient_norm, .. } = *self;
-        let norm = max_gradient_norm.unwrap_or(1.0);
+        let Self { gamma, learning_rate, beta1, beta2, epsilon, .. } = *self;
+        let [norm, clip_value] = [self.max_gradient_norm, self.clip_value].map(|limit| limit.unwrap_or(1.0));
+        let weight_decay = self.weight_decay();
+        if self.max_gradient_norm.is_some() && self.clip_value.is_some() {
+            return Err("the settings `max_gradient_norm` and `clip_value` exclude each other".into());
+        }
         let below_one = "a number from 0 to below 1";
         let rules = [
             ("gamma", gamma, (0.0..=1.0).contains(&gamma), "a number from 0 to 1"),
@@ -206,6 +285,11 @@ impl Settings {
             ("beta2", beta2, (0.0..1.0).contains(&beta2), below_one),
             ("epsilon", epsilon, epsilon >= 0.0, "a number from 0"),
             ("max_gradient_norm", norm, norm > 0.0, "a number above 0, or nothing"),
+            ("clip_value", clip_value, clip_value > 0.0, "a number above 0, or nothing"),
+            ("huber_delta", self.huber_delta, self.huber_delta > 0.0, "a number above 0"),
+            ("weight_decay", weight_decay, weight_decay >= 0.0, "a number from 0"),
+            ("momentum", self.momentum, (0.0..1.0).contains(&self.momentum), below_one),
+            ("alpha", self.alpha, (0.0..1.0).contains(&self.alpha), below_one),
         ];
         match rules.into_iter().find(|(_, value, holds, _)| !(*holds && value.is_finite())) {
             Some((name, value, _, expected)) => {
@@ -237,24 +321,45 @@ impl Remaining<'_> {
             ));
         }
         let is_single = self.computed_in_f32();
-        let online = self.network("online.", &sizes)?;
+        let online = self.network("online.", &sizes, true)?;
         let mut network = |prefix: &str| {
             let is_there = self.views.keys().any(|name| name.starts_with(prefix));
-            is_there.then(|| self.network(prefix, &sizes)).transpose()
+            is_there.then(|| self.network(prefix, &sizes, !prefix.starts_with("result."))).transpose()
         };
         let target = network("target.")?;
-        let moments = [network("adam.m.")?, network("adam.v.")?];
+        let moments = [network("adam.m.")?, network("adam.v.")?, network("adam.vmax.")?];
+        let before = network("before.gradients.")?;
         let (gradients, after) = (network("result.gradients.")?, network("result.online.")?);
+        let target_after = network("result.target.")?;
         let batch = self.batch(batch_size, inputs, outputs, settings.gamma)?;
-        let adam = self.moments(&sizes, moments)?;
-        let targets = self.optional("result.targets", &[batch_size])?;
-        let loss = self.optional("result.loss", &[])?.map(|loss| loss[0]);
-        let results = Results { targets, loss, gradients, online: after };
+        let adam = self.moments(&sizes, moments, &settings)?;
+        let results = Results {
+            q: self
+                .result("result.q", &[batch_size, outputs])?
+                .map(|q| DMatrix::from_row_slice(batch_size, outputs, &q)),
+            targets: self.targets(batch_size)?,
+            loss: self.result("result.loss", &[])?.map(|loss| loss[0]),
+            gradients,
+            online: after,
+            target: target_after,
+        };
         if results == Results::default() {
             return Err(NO_RESULT.into());
         }
         let rounding_unit = if is_single { f64::from(f32::EPSILON) } else { f64::EPSILON } / 2.0;
-        Ok(Update { settings, online, target, batch, adam, results, rounding_unit })
+        Ok(Update { settings, online, target, batch, adam, before, results, rounding_unit })
+    }
+
+    /// y, [B]; or [B, B], of shapes that were broadcast.
+    fn targets(&mut self, size: usize) -> Result<Option<Vec<f64>>, String> {
+        let is_square = |view: &TensorView| *view.shape() == [size, size] && (2..=MAX_SQUARE).contains(&size);
+        let is_square = self.views.get("result.targets").is_some_and(is_square);
+        self.result("result.targets", &[size, size][..if is_square { 2 } else { 1 }])
+    }
+
+    /// What somebody computed, which may not be finite.
+    fn result(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, String> {
+        self.views.contains_key(name).then(|| self.take(name, shape)).transpose()
     }
 
     /// The layer sizes of the online network.
@@ -303,9 +408,12 @@ impl Remaining<'_> {
         given.any(|(_, view)| view.dtype() == Dtype::F32) || weights.all(|(_, view)| holds_f32(view))
     }
 
-    fn network(&mut self, prefix: &str, sizes: &[usize]) -> Result<Mlp<f64>, String> {
+    fn network(&mut self, prefix: &str, sizes: &[usize], is_finite: bool) -> Result<Mlp<f64>, String> {
         let mut network = Mlp::zeros(sizes.to_vec());
-        read_network(prefix, &mut network, |name, shape| self.floats(name, shape))?;
+        read_network(prefix, &mut network, |name, shape| match is_finite {
+            true => self.floats(name, shape),
+            false => self.take(name, shape),
+        })?;
         Ok(network)
     }
 
@@ -323,6 +431,7 @@ impl Remaining<'_> {
         let truncated = self.views.contains_key("batch.truncated");
         let truncated = truncated.then(|| self.flags("batch.truncated", size)).transpose()?;
         let discounts = self.optional("batch.discounts", &[size])?;
+        let weights = self.optional("batch.weights", &[size])?;
         Ok(Batch {
             observations,
             actions: actions.into_iter().map(|action| action as usize).collect(),
@@ -331,6 +440,7 @@ impl Remaining<'_> {
             terminated,
             truncated,
             discounts: discounts.unwrap_or_else(|| vec![gamma; size]),
+            weights,
         })
     }
 
@@ -339,24 +449,44 @@ impl Remaining<'_> {
         Ok(values.into_iter().map(|value| value == 1.0).collect())
     }
 
-    fn moments(&mut self, sizes: &[usize], networks: [Option<Mlp<f64>>; 2]) -> Result<Moments, String> {
-        let [first, second] = networks;
+    /// What the optimiser remembers. SGD and RMSprop need not have both moments, nor a count of steps.
+    fn moments(
+        &mut self,
+        sizes: &[usize],
+        networks: [Option<Mlp<f64>>; 3],
+        settings: &Settings,
+    ) -> Result<Moments, String> {
+        let [first, second, largest] = networks;
         let (name, expected) = ("adam.steps", "one integer from 0 to 2^53: the steps before this update");
         let is_count = |value: f64| value.fract() == 0.0 && (0.0..=9.0e15).contains(&value);
         let steps = self.views.contains_key(name);
         let steps = steps.then(|| self.values(name, &[], is_count, expected)).transpose()?;
         let steps = steps.map(|steps| steps[0] as u64);
-        if let (None | Some(0), None, None) = (steps, &first, &second) {
-            let zeros = Mlp::zeros(sizes.to_vec());
-            return Ok(Moments { steps: 0, first: zeros.clone(), second: zeros });
-        }
-        let steps = steps.ok_or_else(|| missing(name, expected))?;
+        let is_adam = matches!(settings.optimizer, OptimizerName::Adam | OptimizerName::AdamW);
+        let is_fresh = matches!((steps, &first, &second), (None | Some(0), None, None));
         let moment = |name, of| missing(name, &format!("Adam's {of} moment, as there is `adam.steps`"));
-        let first = first.ok_or_else(|| moment("adam.m.0.weight", "first"))?;
-        let second = second.ok_or_else(|| moment("adam.v.0.weight", "second"))?;
-        let is_square = |value| value >= 0.0;
-        check_all("adam.v.…", second.parameters(), is_square, "a mean of squares, at least 0")?;
-        Ok(Moments { steps, first, second })
+        if is_adam && !is_fresh {
+            steps.ok_or_else(|| missing(name, expected))?;
+            first.as_ref().ok_or_else(|| moment("adam.m.0.weight", "first"))?;
+            second.as_ref().ok_or_else(|| moment("adam.v.0.weight", "second"))?;
+            if settings.amsgrad && largest.is_none() {
+                return Err(missing(
+                    "adam.vmax.0.weight",
+                    "the largest second moment so far, as `amsgrad` is true",
+                ));
+            }
+        }
+        for moment in [&second, &largest].into_iter().flatten() {
+            check_all(
+                "adam.v.…",
+                moment.parameters(),
+                |value| value >= 0.0,
+                "a mean of squares, at least 0",
+            )?;
+        }
+        let zeros = || Mlp::zeros(sizes.to_vec());
+        let [first, second] = [first, second].map(|moment| moment.unwrap_or_else(zeros));
+        Ok(Moments { steps: steps.unwrap_or(0), first, second, largest })
     }
 
     fn optional(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, String> {
@@ -367,7 +497,6 @@ impl Remaining<'_> {
         self.values(name, shape, |_| true, "a finite number")
     }
 
-    /// Takes a tensor. Axes of length 1 behind those of `shape` are allowed: a column is as good as a list.
     fn values(
         &mut self,
         name: &str,
@@ -375,6 +504,13 @@ impl Remaining<'_> {
         fits: impl Fn(f64) -> bool,
         expected: &str,
     ) -> Result<Vec<f64>, String> {
+        let values = self.take(name, shape)?;
+        check_all(name, &values, fits, expected)?;
+        Ok(values)
+    }
+
+    /// Takes a tensor. Axes of length 1 behind those of `shape` are allowed: a column is as good as a list.
+    fn take(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f64>, String> {
         let described = || match shape {
             [] => "one number, F32, F64, an integer or BOOL".to_owned(),
             shape => format!("F32, F64, an integer type or BOOL, of shape {shape:?}"),
@@ -384,11 +520,7 @@ impl Remaining<'_> {
         };
         let has_shape =
             view.shape().strip_prefix(shape).is_some_and(|rest| rest.iter().all(|&length| length == 1));
-        let Some(values) = numbers(&view).filter(|_| has_shape) else {
-            return Err(wrong(name, &view, &described()));
-        };
-        check_all(name, &values, fits, expected)?;
-        Ok(values)
+        numbers(&view).filter(|_| has_shape).ok_or_else(|| wrong(name, &view, &described()))
     }
 }
 

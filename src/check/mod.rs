@@ -3,20 +3,26 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `file.rs` | an [`Update`] from a `.safetensors` file |
-//! | `rounding.rs` | a network's passes in f64, and how far rounding may move each number |
-//! | `reference.rs` | targets, loss, gradients and weights, the right way or with a mistake |
-//! | `catalogue.rs` | the known mistakes |
+//! | `batch.rs` | its rows against the physics of their task |
+//! | `rounding.rs`, `activation.rs` | a network's passes in f64, and how far rounding may move each number |
+//! | `reference.rs` | Q-values, targets, loss, gradients and weights, the right way or with a mistake |
+//! | `mistakes.rs` | everything that can be named |
+//! | `fit.rs` | numbers that the settings say otherwise, and what differing numbers have in common |
 //! | `verdict.rs` | the search for the mistakes that give somebody's numbers |
 
-mod catalogue;
+mod activation;
+mod batch;
 mod file;
+mod fit;
+mod mistakes;
 mod reference;
 mod rounding;
 mod verdict;
 
-pub use catalogue::{CATALOGUE, Stage};
-pub use file::{Batch, Moments, Results, Settings, Update};
+pub(crate) use batch::{Found, Judged as BatchJudged};
+pub use file::{Batch, Moments, OptimizerName, Results, Settings, Update};
 pub(crate) use file::{EpsilonPlace, START};
+pub use mistakes::{CATALOGUE, FINDINGS, Stage};
 pub use reference::{Reference, Variant};
 pub use rounding::Number;
 pub(crate) use verdict::{Explained, Judged, check_with};

@@ -4,17 +4,21 @@
 
 use std::sync::OnceLock;
 
-use super::file::{EpsilonPlace, Update};
+use super::activation::Activations;
+use super::file::{Batch, EpsilonPlace, OptimizerName, Update};
 use super::rounding::{Matrix, Number, Pass, backward, forward, square};
 use crate::agent::argmax;
-use crate::nn::Loss;
+use crate::nn::{Loss, Mlp};
 
 /// How an update is computed: the right way ([`Variant::right`]), or with some of the catalogue's mistakes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variant {
+    pub activations: Activations,
+    /// Of which network, and of what, `result.q` is.
+    pub queried: Queried,
+
     pub reward: Reward,
-    /// γ is multiplied this many times.
-    pub discounted: i32,
+    pub discount: Discount,
     pub mask: Mask,
     /// Where the mask is 0 the reward is lost as well.
     pub reward_is_masked: bool,
@@ -23,16 +27,21 @@ pub struct Variant {
     pub from_online: bool,
     /// s takes the place of s′.
     pub from_current: bool,
+    /// Targets [B, B]: whether the reward, the mask and the next value are those of the row (else of the column).
+    pub square: Option<[bool; 3]>,
 
     pub loss: Penalty,
     pub predicted: Predicted,
+    pub predicted_from: PredictedFrom,
     pub reduction: Reduction,
     pub is_halved: bool,
+    /// Whether the losses are multiplied by the weights of the samples.
+    pub is_weighted: bool,
 
     /// The target is no constant.
     pub through_target: bool,
     pub reached: Reached,
-    /// The first update's gradient is still there.
+    /// The gradient before the update is still there.
     pub is_accumulated: bool,
     pub max_gradient_norm: Option<f64>,
     pub clipping: Clipping,
@@ -40,13 +49,93 @@ pub struct Variant {
     pub norm_margin: Option<f64>,
 
     pub optimizer: Optimizer,
+    pub is_ascent: bool,
+    pub amsgrad: bool,
+    pub momentum: f64,
+    /// The momentum's buffer is the first moment times this.
+    pub buffer_scale: f64,
+    pub alpha: f64,
     pub learning_rate: f64,
     pub beta1: f64,
     pub beta2: f64,
     pub epsilon: f64,
+    pub epsilon_place: EpsilonPlace,
     /// The number of this step, from 1.
     pub step: u64,
     pub decay: Decay,
+    /// After the step the weights are moved by this share of the way to the target network.
+    pub overwritten: f64,
+
+    pub given: Given,
+    pub fitted: Fitted,
+}
+
+/// What an update must have so that some mistakes can be made in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Given {
+    pub target: bool,
+    /// The target network has the weights of the online network.
+    pub target_is_online: bool,
+    /// Discounts that differ from γ.
+    pub n_step: bool,
+    pub gamma: f64,
+    pub gradient_before: bool,
+}
+
+/// Numbers that the settings say otherwise: those that explain the most of somebody's results. The defaults serve tests.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fitted {
+    pub gamma: f64,
+    pub square: [bool; 3],
+    pub delta: f64,
+    pub smooth_l1_beta: f64,
+    pub clip_value: f64,
+    pub learning_rate: f64,
+    pub weight_decay: f64,
+    pub momentum: f64,
+    pub buffer_scale: f64,
+    pub overwritten: f64,
+}
+
+impl Default for Fitted {
+    fn default() -> Self {
+        Self {
+            gamma: 0.8,
+            square: [true, true, false],
+            delta: 0.5,
+            smooth_l1_beta: 0.5,
+            clip_value: 1.0,
+            learning_rate: 0.0025,
+            weight_decay: 0.3,
+            momentum: 0.9,
+            buffer_scale: 1.0,
+            overwritten: 0.1,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Queried {
+    Online,
+    Target,
+    OfNext,
+    After,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Discount {
+    /// That of the sample.
+    Own,
+    Forgotten,
+    Twice,
+    /// γ for γᵏ.
+    Gamma,
+    /// γᵏ⁺¹ and γᵏ⁻¹ for γᵏ.
+    OneMore,
+    OneLess,
+    /// γⁿ for samples of fewer steps too.
+    Longest,
+    Other(f64),
 }
 
 /// The part of the reward that is in the target.
@@ -57,6 +146,7 @@ pub enum Reward {
     Discounted,
     /// To −1…1.
     Clipped,
+    Negated,
 }
 
 /// Where the target is the reward alone.
@@ -86,8 +176,13 @@ pub enum NextValue {
 /// The loss of one TD error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Penalty {
-    Known(Loss),
+    Square,
+    /// ½ δ² up to Δ, then Δ (|δ| − ½ Δ); the whole divided by Δ in smooth L1's scale.
+    Huber(f64),
+    SmoothL1(f64),
     Absolute,
+    /// The square of δ clipped to −1…1.
+    ClippedSquare,
 }
 
 /// What is compared with the targets.
@@ -99,8 +194,24 @@ pub enum Predicted {
     Shifted(usize),
     /// Every output, each with its sample's target.
     EveryOutput,
+    /// Every output: that of the action taken with the target, the others with 0 or with the target network's.
+    FullZeros,
+    FullOfTarget,
     /// Q(s, a) of every sample with the target of every sample.
     EveryPair,
+    /// Q(s, ·) of every sample and of the action of every sample, with the target of the latter or of the former.
+    EveryColumn,
+    EveryColumnByRow,
+    /// Σ Q(s, a) over the batch with every target.
+    SumOfBatch,
+}
+
+/// Whose Q-values are compared with the targets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PredictedFrom {
+    Current,
+    Next,
+    Target,
 }
 
 /// What the losses are divided by.
@@ -136,12 +247,8 @@ pub enum Optimizer {
     Adam,
     /// Without the divisions by 1 − βᵗ.
     AdamUncorrected,
-    /// With ε beside the uncorrected √v.
-    AdamOfKeras,
     RmsProp,
     Sgd,
-    /// Adam's step in the other direction.
-    Ascent,
     Nothing,
 }
 
@@ -157,47 +264,105 @@ pub enum Decay {
 impl Variant {
     pub fn right(update: &Update) -> Self {
         let settings = &update.settings;
+        let decay = settings.weight_decay();
+        let Update { batch, before, target, online, adam, .. } = update;
         Self {
+            activations: Activations::RIGHT,
+            queried: Queried::Online,
             reward: Reward::Whole,
-            discounted: 1,
+            discount: Discount::Own,
             mask: Mask::Terminated,
             reward_is_masked: false,
             bootstrap: if settings.double { NextValue::Double } else { NextValue::Max },
-            from_online: update.target.is_none(),
+            from_online: target.is_none(),
             from_current: false,
-            loss: Penalty::Known(settings.loss),
+            square: None,
+            loss: match settings.loss {
+                Loss::Mse => Penalty::Square,
+                Loss::Huber => Penalty::Huber(settings.huber_delta),
+            },
             predicted: Predicted::Taken,
+            predicted_from: PredictedFrom::Current,
             reduction: Reduction::Mean,
             is_halved: false,
+            is_weighted: batch.weights.is_some(),
             through_target: false,
             reached: Reached::Compared,
             is_accumulated: false,
             max_gradient_norm: settings.max_gradient_norm,
-            clipping: if settings.max_gradient_norm.is_some() { Clipping::Norm } else { Clipping::Nothing },
-            norm_margin: None,
-            optimizer: match settings.epsilon_place {
-                EpsilonPlace::PyTorch => Optimizer::Adam,
-                EpsilonPlace::TensorFlow => Optimizer::AdamOfKeras,
+            clipping: match (settings.max_gradient_norm, settings.clip_value) {
+                (Some(_), _) => Clipping::Norm,
+                (None, Some(limit)) => Clipping::Value(limit),
+                (None, None) => Clipping::Nothing,
             },
+            norm_margin: None,
+            optimizer: match settings.optimizer {
+                OptimizerName::Adam | OptimizerName::AdamW => Optimizer::Adam,
+                OptimizerName::RmsProp => Optimizer::RmsProp,
+                OptimizerName::Sgd => Optimizer::Sgd,
+            },
+            is_ascent: false,
+            amsgrad: settings.amsgrad,
+            momentum: settings.momentum,
+            buffer_scale: 1.0,
+            alpha: settings.alpha,
             learning_rate: settings.learning_rate,
             beta1: settings.beta1,
             beta2: settings.beta2,
             epsilon: settings.epsilon,
-            step: update.adam.steps + 1,
-            decay: Decay::None,
+            epsilon_place: settings.epsilon_place,
+            step: adam.steps + 1,
+            decay: match settings.optimizer {
+                _ if decay == 0.0 => Decay::None,
+                OptimizerName::AdamW => Decay::Decoupled(decay),
+                _ => Decay::Squared(decay),
+            },
+            overwritten: 0.0,
+            given: Given {
+                target: target.is_some(),
+                target_is_online: target.as_ref() == Some(online),
+                n_step: batch.discounts.iter().any(|&discount| (discount - settings.gamma).abs() > 1e-6),
+                gamma: settings.gamma,
+                gradient_before: before.is_some() || adam.steps == 1,
+            },
+            fitted: Fitted { clip_value: settings.max_gradient_norm.unwrap_or(1.0), ..Fitted::default() },
         }
+    }
+
+    /// The ways of computing an update that are right: where frameworks differ, and the settings do not say it.
+    pub(super) fn all_right(update: &Update) -> Vec<Self> {
+        let right = Self::right(update);
+        let mut all = vec![right];
+        if let Penalty::Huber(delta) = right.loss
+            && delta != 1.0
+        {
+            all.push(Self { loss: Penalty::SmoothL1(delta), ..right });
+        }
+        if right.momentum > 0.0 {
+            let scaled = |one: &Self| Self { buffer_scale: 1.0 / (1.0 - one.momentum), ..*one };
+            all.extend(all.iter().map(scaled).collect::<Vec<_>>());
+        }
+        all
+    }
+
+    pub(super) fn is_adam(&self) -> bool {
+        matches!(self.optimizer, Optimizer::Adam | Optimizer::AdamUncorrected)
     }
 }
 
 /// An update with the passes that all variants share.
 pub struct Reference<'a> {
     update: &'a Update,
+    passes: [OnceLock<Passes>; Activations::COUNT],
+}
+
+struct Passes {
     /// Q(s, ·), Q(s′, ·), Q⁻(s, ·) and Q⁻(s′, ·).
     current: Pass,
     next: Pass,
     target_of_next: Option<Pass>,
-    /// One mistake alone needs it.
-    target_of_current: OnceLock<Pass>,
+    /// Few mistakes need it.
+    target_of_current: OnceLock<Option<Pass>>,
 }
 
 /// What PyTorch adds to ‖g‖ before it divides by it.
@@ -206,10 +371,17 @@ pub(crate) const NORM_MARGIN: f64 = 1e-6;
 /// The targets, and the next Q-values that each is made of: places (sample, action) whose mean is the value of s′, and
 /// what multiplies it.
 pub struct Targets {
-    /// y, (batch)
+    /// y, (batch), or [batch, batch] row by row
     pub values: Vec<Number>,
     places: Vec<Vec<(usize, usize)>>,
     slopes: Vec<f64>,
+}
+
+struct Compared {
+    sample: usize,
+    output: usize,
+    /// The target; none where a full target vector has another number.
+    of: Option<usize>,
 }
 
 /// The loss and its derivatives.
@@ -223,38 +395,79 @@ pub struct LossOf {
 
 impl<'a> Reference<'a> {
     pub fn new(update: &'a Update) -> Self {
-        let Update { online, target, batch, rounding_unit: unit, .. } = update;
-        Self {
-            update,
-            current: forward(online, &batch.observations, *unit),
-            next: forward(online, &batch.next_observations, *unit),
-            target_of_next: target.as_ref().map(|target| forward(target, &batch.next_observations, *unit)),
-            target_of_current: OnceLock::new(),
-        }
+        Self { update, passes: [const { OnceLock::new() }; Activations::COUNT] }
     }
 
-    fn target_of_current(&self) -> Option<&Pass> {
+    fn passes(&self, variant: &Variant) -> &Passes {
+        let Update { online, target, batch, rounding_unit: unit, .. } = self.update;
+        let pass = |network, observations| forward(network, observations, variant.activations, *unit);
+        self.passes[variant.activations.index()].get_or_init(|| Passes {
+            current: pass(online, &batch.observations),
+            next: pass(online, &batch.next_observations),
+            target_of_next: target.as_ref().map(|target| pass(target, &batch.next_observations)),
+            target_of_current: OnceLock::new(),
+        })
+    }
+
+    fn target_of_current(&self, variant: &Variant) -> Option<&Pass> {
         let Update { target, batch, rounding_unit, .. } = self.update;
-        let target = target.as_ref()?;
-        Some(self.target_of_current.get_or_init(|| forward(target, &batch.observations, *rounding_unit)))
+        let pass = |target| forward(target, &batch.observations, variant.activations, *rounding_unit);
+        let passes = self.passes(variant);
+        passes.target_of_current.get_or_init(|| target.as_ref().map(pass)).as_ref()
     }
 
     /// The online network's pass on what the targets bootstrap from.
     fn online_pass(&self, variant: &Variant) -> &Pass {
-        if variant.from_current { &self.current } else { &self.next }
+        let passes = self.passes(variant);
+        if variant.from_current { &passes.current } else { &passes.next }
+    }
+
+    /// Whose Q-values the loss compares with the targets.
+    fn predicted_pass(&self, variant: &Variant) -> &Pass {
+        let passes = self.passes(variant);
+        match variant.predicted_from {
+            PredictedFrom::Current => &passes.current,
+            PredictedFrom::Next => &passes.next,
+            PredictedFrom::Target => self.target_of_current(variant).unwrap_or(&passes.current),
+        }
+    }
+
+    /// `result.q`
+    pub fn q(&self, variant: &Variant) -> Vec<Number> {
+        let Update { results, batch, rounding_unit, .. } = self.update;
+        let passes = self.passes(variant);
+        let after;
+        let pass = match variant.queried {
+            Queried::Online => &passes.current,
+            Queried::OfNext => &passes.next,
+            Queried::Target => self.target_of_current(variant).unwrap_or(&passes.current),
+            Queried::After => match &results.online {
+                Some(online) => {
+                    after = forward(online, &batch.observations, variant.activations, *rounding_unit);
+                    &after
+                }
+                None => &passes.current,
+            },
+        };
+        let q = pass.q();
+        q.value.iter().zip(q.variance.iter()).map(|(&value, &variance)| Number { value, variance }).collect()
     }
 
     /// y = R + γᵏ max_a Q⁻(s′, a), and y = R where s′ is terminal.
     pub fn targets(&self, variant: &Variant) -> Targets {
         let batch = &self.update.batch;
         let q_online = self.online_pass(variant).q();
-        let of_target =
-            if variant.from_current { self.target_of_current() } else { self.target_of_next.as_ref() };
+        let of_target = if variant.from_current {
+            self.target_of_current(variant)
+        } else {
+            self.passes(variant).target_of_next.as_ref()
+        };
         let q_target = of_target.map_or(q_online, Pass::q);
         let q = if variant.from_online { q_online } else { q_target };
         let largest = (0..batch.rewards.len()).map(|row| (row, argmax(&q.value, row)));
         let largest = largest.reduce(|best, place| if q.value[place] > q.value[best] { place } else { best });
-        let (mut values, mut places, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut values, mut nexts, mut places, mut slopes) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for sample in 0..batch.rewards.len() {
             let best = |q: &Matrix| vec![(sample, argmax(&q.value, sample))];
             let (chosen, chooser) = match variant.bootstrap {
@@ -277,12 +490,39 @@ impl<'a> Reference<'a> {
             if variant.bootstrap == NextValue::Index {
                 next = Number::exact(chosen[0].1 as f64);
             }
-            let slope = batch.discounts[sample].powi(variant.discounted) * self.mask(variant, sample);
-            values.push(self.target(variant, sample, slope, next));
+            let slope = self.discount(variant, sample) * self.mask(variant, sample);
+            if variant.square.is_none() {
+                values.push(self.target(variant, sample, slope, next));
+            }
+            nexts.push(next);
             slopes.push(if variant.bootstrap == NextValue::Index { 0.0 } else { slope });
             places.push(chosen);
         }
+        let size = batch.rewards.len();
+        for place in 0..variant.square.map_or(0, |_| size * size) {
+            let [reward, mask, next] = variant
+                .square
+                .unwrap_or_default()
+                .map(|of_row| if of_row { place / size } else { place % size });
+            let slope = self.discount(variant, mask) * self.mask(variant, mask);
+            values.push(self.target(variant, reward, slope, nexts[next]));
+        }
         Targets { values, places, slopes }
+    }
+
+    /// What multiplies the value of s′, where it is not masked.
+    fn discount(&self, variant: &Variant, sample: usize) -> f64 {
+        let (discounts, gamma) = (&self.update.batch.discounts, variant.given.gamma);
+        match variant.discount {
+            Discount::Own => discounts[sample],
+            Discount::Forgotten => 1.0,
+            Discount::Twice => square(discounts[sample]),
+            Discount::Gamma => gamma,
+            Discount::OneMore => discounts[sample] * gamma,
+            Discount::OneLess => discounts[sample] / gamma,
+            Discount::Longest => discounts.iter().copied().fold(f64::INFINITY, f64::min),
+            Discount::Other(gamma) => gamma,
+        }
     }
 
     fn target(&self, variant: &Variant, sample: usize, slope: f64, next: Number) -> Number {
@@ -292,6 +532,7 @@ impl<'a> Reference<'a> {
             Reward::Forgotten => 0.0,
             Reward::Discounted => batch.rewards[sample] * batch.discounts[sample],
             Reward::Clipped => batch.rewards[sample].clamp(-1.0, 1.0),
+            Reward::Negated => -batch.rewards[sample],
         };
         let is_lost = variant.reward_is_masked && self.mask(variant, sample) == 0.0;
         let reward = if is_lost { 0.0 } else { reward };
@@ -318,22 +559,18 @@ impl<'a> Reference<'a> {
 
     /// L = 1/B Σ ℓ(Q(s, a) − y)
     pub fn loss(&self, variant: &Variant, targets: &Targets) -> LossOf {
-        let q = self.current.q();
+        let q = self.predicted_pass(variant).q();
         let (batch, outputs) = q.value.shape();
-        let unit = self.update.rounding_unit;
-        let actions = &self.update.batch.actions;
-        let one = |index: usize| index..index + 1;
-        // The outputs of a sample that are compared, and the samples whose targets they are compared with.
-        let compared = |i: usize| match variant.predicted {
-            Predicted::Taken => (one(actions[i]), one(i)),
-            Predicted::Largest => (one(argmax(&q.value, i)), one(i)),
-            Predicted::Shifted(by) => (one((actions[i] + by) % outputs), one(i)),
-            Predicted::EveryOutput => (0..outputs, one(i)),
-            Predicted::EveryPair => (one(actions[i]), 0..batch),
+        let Update { rounding_unit: unit, batch: Batch { actions, weights, .. }, .. } = self.update;
+        let weights = weights.as_ref().filter(|_| variant.is_weighted);
+        let others = match variant.predicted {
+            Predicted::FullOfTarget => self.target_of_current(variant).map(Pass::q),
+            _ => None,
         };
         let count = match variant.predicted {
-            Predicted::EveryOutput => batch * outputs,
-            Predicted::EveryPair => batch * batch,
+            Predicted::EveryOutput | Predicted::FullZeros | Predicted::FullOfTarget => batch * outputs,
+            Predicted::EveryPair | Predicted::EveryColumn | Predicted::EveryColumnByRow => batch * batch,
+            _ if targets.values.len() > batch => batch * batch,
             _ => batch,
         } as f64;
         let half = if variant.is_halved { 0.5 } else { 1.0 };
@@ -345,32 +582,71 @@ impl<'a> Reference<'a> {
         let mut value = Number::exact(0.0);
         let mut by_q = Matrix::zeros(batch, outputs);
         let mut by_target = vec![0.0; batch];
-        let pairs = (0..batch).flat_map(|sample| {
-            let (compared, targets) = compared(sample);
-            compared.flat_map(move |output| targets.clone().map(move |of| (sample, output, of)))
+        let total = (0..batch).fold(Number::exact(0.0), |mut total, sample| {
+            total += q.get(sample, actions[sample]);
+            total
         });
-        for (sample, output, of) in pairs {
-            let (predicted, target) = (q.get(sample, output), targets.values[of]);
+        self.compare(variant, q, targets.values.len(), |Compared { sample, output, of }| {
+            let is_sum = variant.predicted == Predicted::SumOfBatch;
+            let predicted = if is_sum { total } else { q.get(sample, output) };
+            let target = match (of, others) {
+                (Some(of), _) => targets.values[of],
+                (None, Some(others)) => others.get(sample, output),
+                (None, None) => Number::exact(0.0),
+            };
             let td_error = Number {
                 value: predicted.value - target.value,
                 variance: predicted.variance
                     + target.variance
-                    + square(unit) * (square(predicted.value) + square(target.value)),
+                    + square(*unit) * (square(predicted.value) + square(target.value)),
             };
             let (loss, derivative) = variant.loss.of(td_error);
+            let scale = scale * weights.map_or(1.0, |weights| weights[sample]);
             let (loss, mut derivative) = (loss.scaled(scale), derivative.scaled(scale));
             value += loss;
-            value.variance += square(unit) * count * square(loss.value);
+            value.variance += square(*unit) * count * square(loss.value);
             derivative.variance += square(2.0 * unit * derivative.value);
-            by_target[of] -= derivative.value;
+            if let Some(of) = of {
+                by_target[of % batch] -= derivative.value;
+            }
             match variant.reached {
+                Reached::Compared if is_sum => {
+                    (0..batch).for_each(|sample| by_q.add(sample, actions[sample], derivative));
+                }
                 Reached::Compared => by_q.add(sample, output, derivative),
                 Reached::Shifted(by) => by_q.add(sample, (output + by) % outputs, derivative),
                 Reached::All => (0..outputs).for_each(|output| by_q.add(sample, output, derivative)),
             }
-        }
-        value.variance += square(unit) * count.max(16.0) * square(value.value);
+        });
+        value.variance += square(*unit) * count.max(16.0) * square(value.value);
         LossOf { value, by_q, by_target }
+    }
+
+    /// Visits the outputs that are compared, each with its target.
+    fn compare(&self, variant: &Variant, q: &Matrix, targets: usize, mut visit: impl FnMut(Compared)) {
+        let (batch, outputs) = q.value.shape();
+        let actions = &self.update.batch.actions;
+        let is_square = targets > batch;
+        for i in 0..batch {
+            let mut put = |output, of| visit(Compared { sample: i, output, of });
+            let action = actions[i];
+            match variant.predicted {
+                Predicted::Taken if is_square => (0..batch).for_each(|j| put(action, Some(i * batch + j))),
+                Predicted::EveryPair if is_square => {
+                    (0..batch).for_each(|j| put(action, Some(j * batch + i)))
+                }
+                Predicted::Taken | Predicted::SumOfBatch => put(action, Some(i)),
+                Predicted::Largest => put(argmax(&q.value, i), Some(i)),
+                Predicted::Shifted(by) => put((action + by) % outputs, Some(i)),
+                Predicted::EveryOutput => (0..outputs).for_each(|output| put(output, Some(i))),
+                Predicted::FullZeros | Predicted::FullOfTarget => {
+                    (0..outputs).for_each(|output| put(output, (output == action).then_some(i)));
+                }
+                Predicted::EveryPair => (0..batch).for_each(|j| put(action, Some(j))),
+                Predicted::EveryColumn => (0..batch).for_each(|j| put(actions[j], Some(j))),
+                Predicted::EveryColumnByRow => (0..batch).for_each(|j| put(actions[j], Some(i))),
+            }
+        }
     }
 
     /// ∂L/∂θ before anything is done to it, in the order of [`parameters`](crate::nn::Mlp::parameters): of the layers from
@@ -384,8 +660,12 @@ impl<'a> Reference<'a> {
     ) -> Vec<Number> {
         let Update { online, rounding_unit: unit, .. } = self.update;
         let mut gradient = vec![Number::exact(0.0); online.parameters().len()];
-        backward(online, &self.current, loss.by_q.clone(), *unit, first, &mut gradient);
-        if variant.through_target && variant.from_online {
+        // Where the target network predicts, nothing of it reaches the online network.
+        if variant.predicted_from != PredictedFrom::Target {
+            let pass = self.predicted_pass(variant);
+            backward(online, pass, loss.by_q.clone(), *unit, first, &mut gradient);
+        }
+        if variant.through_target {
             let pass = self.online_pass(variant);
             let mut by_q = Matrix::zeros(pass.q().value.nrows(), pass.q().value.ncols());
             for (sample, places) in targets.places.iter().enumerate() {
@@ -402,11 +682,15 @@ impl<'a> Reference<'a> {
 
     /// ∂L/∂θ as the optimiser gets it: with the gradient of the update before if that stayed, and clipped. A norm needs all layers.
     pub fn changed(&self, variant: &Variant, mut gradient: Vec<Number>) -> Vec<Number> {
-        let Update { rounding_unit: unit, adam, .. } = self.update;
-        // m = (1 − β₁) g after the first update.
-        if variant.is_accumulated && adam.steps == 1 {
-            for (number, &moment) in gradient.iter_mut().zip(adam.first.parameters()) {
-                let before = moment / (1.0 - self.update.settings.beta1);
+        let Update { rounding_unit: unit, adam, before, .. } = self.update;
+        if variant.is_accumulated {
+            // m = (1 − β₁) g after the first update.
+            let (before, scale) = match before {
+                Some(before) => (before, 1.0),
+                None => (&adam.first, 1.0 / (1.0 - self.update.settings.beta1)),
+            };
+            for (number, &before) in gradient.iter_mut().zip(before.parameters()) {
+                let before = before * scale;
                 *number += Number { value: before, variance: square(4.0 * unit * before) };
             }
         }
@@ -454,28 +738,41 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Adam's step from the gradients: θ − α m̂ / (√v̂ + ε); of the parameters from `first` on.
+    /// The optimiser's step from the gradients, of the parameters from `first` on. Adam's is θ − α m̂ / (√v̂ + ε).
     pub fn weights(&self, variant: &Variant, gradients: &[Number], first: usize) -> Vec<Number> {
-        let Update { online, adam, rounding_unit: unit, .. } = self.update;
+        let Update { online, adam, target, rounding_unit: unit, .. } = self.update;
         let rounding = step_rounding(variant, *unit);
         let step = variant.step as f64;
         let corrections = [variant.beta1, variant.beta2].map(|beta| 1.0 - beta.powf(step));
-        let moments = adam.first.parameters().iter().zip(adam.second.parameters());
-        let parameters = online.parameters().iter().zip(moments).zip(gradients).skip(first);
-        parameters
-            .map(|((&weight, (&first, &second)), gradient)| {
-                let at = |gradient| stepped(variant, corrections, weight, gradient, [first, second]);
-                let value = at(gradient.value);
-                let doubt = |gradient| (at(gradient) - value).abs();
-                let tolerance = gradient.tolerance();
-                let rounded = rounding * (value - weight).abs() + 2.0 * unit * weight.abs().max(value.abs());
-                let mut number = Number::exact(value);
-                number
-                    .may_be_off_by(doubt(gradient.value - tolerance).max(doubt(gradient.value + tolerance)));
-                number.may_be_off_by(rounded);
-                number
-            })
-            .collect()
+        let all = [&adam.first, &adam.second, adam.largest.as_ref().unwrap_or(&adam.second)];
+        let (weights, target) = (online.parameters(), target.as_ref().map(Mlp::parameters));
+        let number = |(index, gradient): (usize, &Number)| {
+            let (weight, moments) = (weights[index], all.map(|moment| moment.parameters()[index]));
+            let at = |gradient| stepped(variant, corrections, weight, gradient, moments);
+            let value = at(gradient.value);
+            let doubt = |gradient| (at(gradient) - value).abs();
+            // A decay is rounded with the weight, whatever comes of it.
+            let (decayed, added) = match variant.decay {
+                Decay::None => (0.0, 0.0),
+                Decay::Decoupled(_) => (2.0 * unit * weight.abs(), 0.0),
+                Decay::Squared(decay) => (0.0, 2.0 * unit * decay * weight.abs()),
+            };
+            let tolerance = gradient.tolerance() + added;
+            let rounded = rounding * (value - weight).abs() + 2.0 * unit * weight.abs().max(value.abs());
+            let mut number = Number::exact(value);
+            number.may_be_off_by(doubt(gradient.value - tolerance).max(doubt(gradient.value + tolerance)));
+            number.may_be_off_by(rounded + decayed);
+            if let Some(target) = target
+                && variant.overwritten > 0.0
+            {
+                let share = variant.overwritten;
+                number = number.scaled(1.0 - share);
+                number.value += share * target[index];
+                number.may_be_off_by(2.0 * unit * (target[index].abs() + weight.abs()));
+            }
+            number
+        };
+        gradients.iter().enumerate().skip(first).map(number).collect()
     }
 }
 
@@ -485,13 +782,18 @@ fn step_rounding(variant: &Variant, unit: f64) -> f64 {
         let power = beta.powf(variant.step as f64);
         (1.0 + variant.step as f64 * power) / (1.0 - power) + 1.0 / (1.0 - beta)
     };
-    unit * (16.0 + of(variant.beta1) + of(variant.beta2))
+    let averaged = match variant.optimizer {
+        Optimizer::RmsProp => 1.0 / (1.0 - variant.alpha),
+        Optimizer::Sgd | Optimizer::Nothing => 0.0,
+        _ => of(variant.beta1) + of(variant.beta2),
+    };
+    unit * (16.0 + averaged + 2.0 * variant.buffer_scale)
 }
 
-/// A parameter after one step; `corrections` are 1 − β₁ᵗ and 1 − β₂ᵗ.
-fn stepped(variant: &Variant, corrections: [f64; 2], weight: f64, gradient: f64, moments: [f64; 2]) -> f64 {
-    let Variant { learning_rate, beta1, beta2, epsilon, .. } = *variant;
-    let [first, second] = moments;
+/// A parameter after one step; `corrections` are 1 − β₁ᵗ and 1 − β₂ᵗ, `moments` m, v and the largest v.
+fn stepped(variant: &Variant, corrections: [f64; 2], weight: f64, gradient: f64, moments: [f64; 3]) -> f64 {
+    let Variant { learning_rate, beta1, beta2, epsilon, alpha, .. } = *variant;
+    let [first, second, largest] = moments;
     let (decayed, gradient) = match variant.decay {
         Decay::None => (weight, gradient),
         Decay::Decoupled(decay) => (weight - learning_rate * decay * weight, gradient),
@@ -499,41 +801,62 @@ fn stepped(variant: &Variant, corrections: [f64; 2], weight: f64, gradient: f64,
     };
     let m = beta1 * first + (1.0 - beta1) * gradient;
     let v = beta2 * second + (1.0 - beta2) * square(gradient);
+    let v = if variant.amsgrad { v.max(largest) } else { v };
     let [correction1, correction2] = corrections;
-    let adam = m / correction1 / ((v / correction2).sqrt() + epsilon);
+    let is_keras = variant.epsilon_place == EpsilonPlace::TensorFlow;
     let direction = match variant.optimizer {
-        Optimizer::Adam => adam,
+        Optimizer::Adam if is_keras => correction2.sqrt() / correction1 * m / (v.sqrt() + epsilon),
+        Optimizer::Adam => m / correction1 / ((v / correction2).sqrt() + epsilon),
         Optimizer::AdamUncorrected => m / (v.sqrt() + epsilon),
-        Optimizer::AdamOfKeras => correction2.sqrt() / correction1 * m / (v.sqrt() + epsilon),
-        Optimizer::RmsProp => gradient / ((0.99 * second + 0.01 * square(gradient)).sqrt() + epsilon),
+        Optimizer::RmsProp => {
+            let v = alpha * second + (1.0 - alpha) * square(gradient);
+            gradient / if is_keras { (v + epsilon).sqrt() } else { v.sqrt() + epsilon }
+        }
         Optimizer::Sgd => gradient,
-        Optimizer::Ascent => -adam,
         Optimizer::Nothing => 0.0,
     };
+    let has_buffer = matches!(variant.optimizer, Optimizer::RmsProp | Optimizer::Sgd);
+    let buffer = if has_buffer { variant.momentum * variant.buffer_scale * first } else { 0.0 };
     // With ε = 0 the step of a gradient that was always 0 is 0 / 0.
-    let direction = if direction.is_nan() { 0.0 } else { direction };
-    decayed - learning_rate * direction
+    let direction = if direction.is_nan() { 0.0 } else { direction + buffer };
+    decayed - learning_rate * if variant.is_ascent { -direction } else { direction }
 }
 
 impl Penalty {
     /// ℓ(δ) and ℓ′(δ).
-    fn of(self, td_error: Number) -> (Number, Number) {
+    pub(super) fn of(self, td_error: Number) -> (Number, Number) {
         let Number { value: x, variance } = td_error;
-        let Self::Known(loss) = self else {
-            let mut sign = Number::exact(if x == 0.0 { 0.0 } else { x.signum() });
-            if x.abs() < td_error.tolerance() {
-                sign.may_be_off_by(2.0);
+        let rounded =
+            |value, slope| Number { value, variance: square(slope) * variance + 2.0 * square(variance) };
+        match self {
+            Self::Square => (rounded(x * x, 2.0 * x), td_error.scaled(2.0)),
+            Self::Huber(delta) => {
+                let size = x.abs();
+                let value = if size < delta { 0.5 * x * x } else { delta * (size - 0.5 * delta) };
+                let slope = x.clamp(-delta, delta);
+                (rounded(value, slope), Number { value: slope, variance })
             }
-            return (Number { value: x.abs(), variance }, sign);
-        };
-        let slope = loss.derivative(x);
-        let value =
-            Number { value: loss.value(x), variance: square(slope) * variance + 2.0 * square(variance) };
-        let derivative = match loss {
-            Loss::Mse => td_error.scaled(2.0),
-            Loss::Huber => Number { value: slope, variance },
-        };
-        (value, derivative)
+            Self::SmoothL1(beta) => {
+                let (value, slope) = Self::Huber(beta).of(td_error);
+                (value.scaled(1.0 / beta), slope.scaled(1.0 / beta))
+            }
+            Self::Absolute => {
+                let mut sign = Number::exact(if x == 0.0 { 0.0 } else { x.signum() });
+                if x.abs() < td_error.tolerance() {
+                    sign.may_be_off_by(2.0);
+                }
+                (Number { value: x.abs(), variance }, sign)
+            }
+            Self::ClippedSquare => {
+                let clipped = x.clamp(-1.0, 1.0);
+                let is_inside = x.abs() < 1.0;
+                let mut slope = td_error.scaled(if is_inside { 2.0 } else { 0.0 });
+                if (x.abs() - 1.0).abs() < td_error.tolerance() {
+                    slope.may_be_off_by(2.0);
+                }
+                (rounded(square(clipped), 2.0 * clipped), slope)
+            }
+        }
     }
 }
 

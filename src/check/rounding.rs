@@ -8,6 +8,7 @@ use std::ops::AddAssign;
 
 use nalgebra::{DMatrix, DMatrixView};
 
+use super::activation::Activations;
 use crate::nn::Mlp;
 
 /// Standard deviations that count as equal.
@@ -77,23 +78,31 @@ impl Matrix {
     }
 }
 
-/// A forward pass: what each layer got, and what it gave before its ReLU.
+/// A forward pass: what each layer got, and what it gave before its activation.
 pub(super) struct Pass {
     inputs: Vec<Matrix>,
     outputs: Vec<Matrix>,
+    q: Matrix,
+    activations: Activations,
 }
 
 impl Pass {
     /// Q(s, ·).
     pub(crate) fn q(&self) -> &Matrix {
-        &self.outputs[self.outputs.len() - 1]
+        &self.q
     }
 }
 
-/// y = W x + b for every layer, with ReLU between them.
-pub(super) fn forward(network: &Mlp<f64>, observations: &DMatrix<f64>, unit: f64) -> Pass {
+/// y = W x + b for every layer, with an activation between them and one behind the last.
+pub(super) fn forward(
+    network: &Mlp<f64>,
+    observations: &DMatrix<f64>,
+    activations: Activations,
+    unit: f64,
+) -> Pass {
     let batch = observations.nrows();
-    let mut pass = Pass { inputs: Vec::new(), outputs: Vec::new() };
+    let nothing = || Matrix::zeros(0, 0);
+    let mut pass = Pass { inputs: Vec::new(), outputs: Vec::new(), q: nothing(), activations };
     let mut x = Matrix { value: observations.clone(), variance: DMatrix::zeros(batch, observations.ncols()) };
     for index in 0..network.num_layers() {
         let (inputs, outputs) = (network.sizes()[index], network.sizes()[index + 1]);
@@ -106,18 +115,12 @@ pub(super) fn forward(network: &Mlp<f64>, observations: &DMatrix<f64>, unit: f64
         affine(&x.value, layer, &mut y.value);
         affine(&x_squares, &squares, &mut y.variance);
         y.variance = y.spread(growth);
-        pass.inputs.push(std::mem::replace(&mut x, relu(&y)));
+        let is_last = index + 1 == network.num_layers();
+        let activation = if is_last { activations.output } else { activations.hidden };
+        pass.inputs.push(std::mem::replace(&mut x, activation.of_all(&y, unit)));
         pass.outputs.push(y);
     }
-    pass
-}
-
-fn relu(y: &Matrix) -> Matrix {
-    let variance = y.variance.zip_map(&y.value, |variance, value| {
-        let is_off = value < -Number { value, variance }.tolerance();
-        if is_off { 0.0 } else { variance }
-    });
-    Matrix { value: y.value.map(|value| value.max(0.0)), variance }
+    Pass { q: x, ..pass }
 }
 
 /// Adds to `gradient`, in the order of [`Mlp::parameters`], the gradient by the parameters of the layers from `first`
@@ -133,6 +136,8 @@ pub(super) fn backward(
     let batch = dy.value.nrows();
     let growth = square(unit) * batch as f64;
     let mut end = gradient.len();
+    let last = network.num_layers() - 1;
+    pass.activations.output.backward(&mut dy, &pass.outputs[last], &pass.q, unit);
     for index in (first..network.num_layers()).rev() {
         let (layer, x) = (network.layer(index), &pass.inputs[index]);
         let weights = layer.len() - dy.value.ncols();
@@ -146,36 +151,22 @@ pub(super) fn backward(
         }
         end -= layer.len();
         if index > first {
-            dy = before_relu(layer, &dy, &pass.outputs[index - 1], unit);
+            dy = by_input(layer, &dy, unit);
+            let hidden = pass.activations.hidden;
+            hidden.backward(&mut dy, &pass.outputs[index - 1], &pass.inputs[index], unit);
         }
     }
 }
 
-/// The gradient by a hidden layer's output `before` its ReLU. Where that lies so near to 0 that rounding decides, all
-/// or nothing of the gradient may pass.
-fn before_relu(layer: &[f64], dy: &Matrix, before: &Matrix, unit: f64) -> Matrix {
-    let (batch, inputs) = before.value.shape();
+/// The gradient by what a layer got.
+fn by_input(layer: &[f64], dy: &Matrix, unit: f64) -> Matrix {
     let growth = square(unit) * dy.value.ncols() as f64;
     let squares: Vec<f64> = layer.iter().copied().map(square).collect();
-    let dy_squares = dy.spread(growth);
     let mut dx = Matrix {
         value: &dy.value * weights(layer, dy.value.ncols()),
-        variance: &dy_squares * weights(&squares, dy.value.ncols()),
+        variance: &dy.spread(growth) * weights(&squares, dy.value.ncols()),
     };
-    for sample in 0..batch {
-        for input in 0..inputs {
-            let at = (sample, input);
-            let mut number = dx.get(sample, input);
-            number.variance += growth * square(number.value);
-            let output = before.get(sample, input);
-            let (passes, undecided) = (output.value > 0.0, output.value.abs() < output.tolerance());
-            if undecided {
-                number.may_be_off_by(number.value);
-            }
-            dx.value[at] = if passes { number.value } else { 0.0 };
-            dx.variance[at] = if passes || undecided { number.variance } else { 0.0 };
-        }
-    }
+    dx.variance = dx.spread(growth);
     dx
 }
 

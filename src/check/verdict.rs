@@ -6,9 +6,13 @@ use std::thread;
 
 use serde::Serialize;
 
-use super::catalogue::{CATALOGUE, Mistake, Stage};
+use super::batch;
 use super::file::Update;
-use super::reference::{Clipping, LossOf, NORM_MARGIN, Predicted, Reference, Targets, Variant};
+use super::fit::short;
+use super::mistakes::{CATALOGUE, Mistake, Stage, finding};
+use super::reference::{
+    Clipping, LossOf, NORM_MARGIN, Predicted, PredictedFrom, Reference, Targets, Variant,
+};
 use super::rounding::{Matrix, Number, SAFETY, agrees};
 
 /// Most explanations that are followed at once.
@@ -24,10 +28,16 @@ const MAX_PARALLEL: usize = 1 << 22;
 #[derive(Debug, Serialize)]
 pub struct Verdict {
     pub equal: bool,
+    /// What the batch shows by itself.
+    pub batch: batch::Judged,
     /// The quantities, in the order in which they are computed.
     pub quantities: Vec<Judged>,
     /// The mistakes that reproduce the numbers together. Where several sets of mistakes do, each is one of these.
     pub explanations: Vec<Vec<Explained>>,
+    /// What is a choice, or may be one.
+    pub facts: Vec<String>,
+    /// What could not be seen, and what would show it.
+    pub unseen: Vec<String>,
     /// Mistakes that would have given the same numbers, in this update.
     pub not_visible: Vec<String>,
     /// How the norm of the gradient was shortened, where the two right ways differ.
@@ -49,6 +59,8 @@ pub struct Judged {
     pub(crate) differing: usize,
     /// How many there are.
     pub(crate) numbers: usize,
+    /// What those that differ have in common, where no mistake explains them.
+    pub common: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -71,12 +83,14 @@ pub struct Explained {
     pub(crate) quantity: Stage,
     /// Whether only that quantity has it: what was computed from there on does not.
     pub reported_only: bool,
+    /// The number in it, or the numbers that prove it.
+    pub measured: Option<String>,
 }
 
 /// What somebody may have computed.
 #[derive(Clone)]
-struct Hypothesis {
-    variant: Variant,
+pub(super) struct Hypothesis {
+    pub variant: Variant,
     /// The mistakes in it, the latest last.
     mistakes: Vec<Explained>,
     /// What follows is computed from their targets or gradients as they are: nothing explains them, or the targets are equal.
@@ -85,11 +99,23 @@ struct Hypothesis {
 }
 
 impl Hypothesis {
+    /// The same with another variant.
+    pub(super) fn computing(&self, variant: Variant) -> Self {
+        Self { variant, ..self.clone() }
+    }
+
     fn with(&self, mistake: &'static Mistake, quantity: Stage) -> Self {
         let mut with = self.clone();
         with.variant = mistake.on(&self.variant);
-        with.mistakes.push(Explained { mistake, quantity, reported_only: false });
+        let measured = mistake.measured(&with.variant);
+        with.mistakes.push(Explained { mistake, quantity, reported_only: false, measured });
         with
+    }
+
+    /// What it has is a finding, of which nothing follows for the rest.
+    fn found(&mut self, id: &str, quantity: Stage, measured: Option<String>) {
+        let found = finding(id).map(|mistake| Explained { mistake, quantity, reported_only: true, measured });
+        self.mistakes.extend(found);
     }
 }
 
@@ -109,14 +135,16 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         untried: Mutex::default(),
         progress,
     };
-    let mut hypotheses = vec![Hypothesis {
-        variant: search.right,
+    let right = |variant| Hypothesis {
+        variant,
         mistakes: Vec::new(),
         takes_their_targets: false,
         takes_their_gradients: false,
-    }];
-    let (mut quantities, mut norm_clipping) = (Vec::new(), None);
-    for stage in Stage::ALL {
+    };
+    let mut hypotheses: Vec<_> = Variant::all_right(update).into_iter().map(right).collect();
+    let (mut quantities, mut norm_clipping, mut unseen) = (Vec::new(), None, Vec::new());
+    let (has_q, mut is_lost) = (update.results.q.is_some(), false);
+    for stage in [Stage::Q].into_iter().filter(|_| has_q).chain(Stage::ALL) {
         let Some(theirs) = search.theirs(stage) else {
             quantities.push(Judged::new(stage, QuantityState::Absent, &[], &[]));
             continue;
@@ -124,8 +152,28 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         let ours = search.compute(&hypotheses[0], stage);
         let mut judged = Judged::new(stage, QuantityState::Different, &ours, theirs);
         let mut following = search.still_reproducing(&hypotheses, &ours, stage);
+        if let Some(place) = theirs.iter().position(|value| !value.is_finite()) {
+            if is_lost {
+                judged.common = Some("as follows from the numbers above that are not finite".into());
+                quantities.push(judged);
+                continue;
+            }
+            is_lost = true;
+            following = hypotheses[..1].to_vec();
+            following[0].found("not_finite", stage, Some(not_finite(place, theirs, &ours)));
+        }
         if following.is_empty() {
             following = search.explain(&hypotheses, stage);
+        }
+        if following.is_empty() && stage == Stage::Q {
+            let is_dueling = search.is_dueling_over_batch(&ours, theirs);
+            hypotheses[0].found(
+                if is_dueling { "dueling_mean_over_batch" } else { "another_network" },
+                stage,
+                None,
+            );
+            hypotheses.truncate(1);
+            following.clone_from(&hypotheses);
         }
         if let Some(first) = following.first() {
             let is_explained = first.mistakes.iter().any(|explained| explained.quantity == stage);
@@ -135,6 +183,9 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
                 judged = Judged::new(stage, QuantityState::Equal, &search.compute(first, stage), theirs);
             }
             hypotheses = following;
+        } else {
+            judged.common = search.common(stage, &ours, theirs);
+            unseen.extend(search.unseen(&hypotheses[0], stage, &ours, theirs));
         }
         for hypothesis in &mut hypotheses {
             // Also of equal targets: where two actions are equally good, theirs may have the value of the other one.
@@ -148,18 +199,25 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         }
         quantities.push(judged);
     }
+    search.judge_target_after(&mut hypotheses);
     let is_unexplained = quantities.iter().any(|quantity| quantity.state == QuantityState::Different);
     let not_visible = if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0]) };
+    let facts = search.facts();
     let untried = search.untried.into_inner().unwrap_or_else(PoisonError::into_inner);
     let is_equal = |judged: &Judged| matches!(judged.state, QuantityState::Absent | QuantityState::Equal);
     let explanations = hypotheses.into_iter().map(|Hypothesis { mut mistakes, .. }| {
         mistakes.sort_by_key(|explained| explained.quantity);
         mistakes
     });
+    let explanations: Vec<_> = explanations.filter(|mistakes| !mistakes.is_empty()).collect();
+    let batch = batch::judge(update);
     Verdict {
-        equal: quantities.iter().all(is_equal),
+        equal: quantities.iter().all(is_equal) && batch.mistakes.is_empty() && explanations.is_empty(),
+        batch,
         not_visible,
-        explanations: explanations.filter(|mistakes| !mistakes.is_empty()).collect(),
+        explanations,
+        facts,
+        unseen,
         quantities,
         norm_clipping,
         mistakes_left_out: untried.mistakes,
@@ -173,8 +231,8 @@ struct Untried {
     pairs: bool,
 }
 
-struct Search<'a> {
-    update: &'a Update,
+pub(super) struct Search<'a> {
+    pub update: &'a Update,
     reference: Reference<'a>,
     right: Variant,
     /// Gradients before they are clipped, and the ∂L/∂Q that each belongs to.
@@ -186,9 +244,11 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn theirs(&self, stage: Stage) -> Option<&[f64]> {
+    pub(super) fn theirs(&self, stage: Stage) -> Option<&[f64]> {
         let results = &self.update.results;
         match stage {
+            Stage::Batch => None,
+            Stage::Q => results.q.as_ref().map(|q| q.as_slice()),
             Stage::Targets => results.targets.as_deref(),
             Stage::Loss => results.loss.as_ref().map(std::slice::from_ref),
             Stage::Gradients => results.gradients.as_ref().map(|network| network.parameters()),
@@ -197,13 +257,13 @@ impl Search<'_> {
     }
 
     /// Their gradients, where the weights are computed from them as they are.
-    fn taken_gradients(&self, hypothesis: &Hypothesis, stage: Stage) -> Option<Vec<Number>> {
+    pub(super) fn taken_gradients(&self, hypothesis: &Hypothesis, stage: Stage) -> Option<Vec<Number>> {
         let takes = stage == Stage::Weights && hypothesis.takes_their_gradients;
         let gradients = self.theirs(Stage::Gradients).filter(|_| takes)?;
         Some(gradients.iter().copied().map(Number::exact).collect())
     }
 
-    fn targets_and_loss(&self, hypothesis: &Hypothesis) -> (Targets, LossOf) {
+    pub(super) fn targets_and_loss(&self, hypothesis: &Hypothesis) -> (Targets, LossOf) {
         let mut targets = self.reference.targets(&hypothesis.variant);
         if hypothesis.takes_their_targets
             && let Some(theirs) = self.theirs(Stage::Targets)
@@ -214,12 +274,14 @@ impl Search<'_> {
         (targets, loss)
     }
 
-    fn compute(&self, hypothesis: &Hypothesis, stage: Stage) -> Vec<Number> {
+    pub(super) fn compute(&self, hypothesis: &Hypothesis, stage: Stage) -> Vec<Number> {
         let variant = &hypothesis.variant;
         if let Some(gradients) = self.taken_gradients(hypothesis, stage) {
             return self.reference.weights(variant, &gradients, 0);
         }
         match stage {
+            Stage::Batch => Vec::new(),
+            Stage::Q => self.reference.q(variant),
             Stage::Targets => self.reference.targets(variant).values,
             Stage::Loss => vec![self.targets_and_loss(hypothesis).1.value],
             Stage::Gradients | Stage::Weights => {
@@ -234,9 +296,14 @@ impl Search<'_> {
         }
     }
 
+    /// Whether the gradient follows from ∂L/∂Q and the right network's pass.
+    fn depends_on_q_alone(&self, variant: &Variant) -> bool {
+        let is_right = variant.activations == self.right.activations;
+        is_right && variant.predicted_from == PredictedFrom::Current && !variant.through_target
+    }
+
     fn known_gradients(&self, variant: &Variant, loss: &LossOf) -> Option<Arc<Vec<Number>>> {
-        // Through the targets the gradient depends on more than ∂L/∂Q.
-        if variant.through_target {
+        if !self.depends_on_q_alone(variant) {
             return None;
         }
         let known = locked(&self.raw_gradients);
@@ -248,7 +315,7 @@ impl Search<'_> {
             return known;
         }
         let gradients = Arc::new(self.reference.raw_gradients(variant, targets, loss, 0));
-        if !variant.through_target {
+        if self.depends_on_q_alone(variant) {
             let mut known = locked(&self.raw_gradients);
             // The first stays: it is that of most candidates.
             if known.len() == KEPT {
@@ -270,14 +337,14 @@ impl Search<'_> {
         ];
         let mut fitting = forms.into_iter().filter(|(margin, _)| {
             let variant = Variant { norm_margin: Some(*margin), ..hypothesis.variant };
-            self.reproduces(&Hypothesis { variant, ..hypothesis.clone() }, stage)
+            self.reproduces(&hypothesis.computing(variant), stage)
         });
         let (first, second) = (fitting.next(), fitting.next());
         first.filter(|_| second.is_none()).map(|(_, name)| name)
     }
 
     /// Whether a hypothesis gives their numbers.
-    fn reproduces(&self, hypothesis: &Hypothesis, stage: Stage) -> bool {
+    pub(super) fn reproduces(&self, hypothesis: &Hypothesis, stage: Stage) -> bool {
         self.theirs(stage).is_none_or(|theirs| all_agree(&self.compute(hypothesis, stage), theirs))
     }
 
@@ -339,9 +406,16 @@ impl Search<'_> {
     fn look_work(&self, candidate: &Hypothesis, stage: Stage) -> u64 {
         let (batch, sizes) = (self.update.batch.rewards.len(), self.update.online.sizes());
         let outputs = sizes[sizes.len() - 1];
-        let pairs = if candidate.variant.predicted == Predicted::EveryPair { batch * batch } else { batch };
+        let is_square = candidate.variant.square.is_some()
+            || matches!(
+                candidate.variant.predicted,
+                Predicted::EveryPair | Predicted::EveryColumn | Predicted::EveryColumnByRow
+            );
+        let pairs = if is_square { batch * batch } else { batch };
+        let is_other = candidate.variant.activations != self.right.activations;
+        let passes = if is_other { 8 * batch * self.update.online.parameters().len() } else { 0 };
         let layer = if stage >= Stage::Gradients { (sizes[sizes.len() - 2] + 1) * outputs } else { 0 };
-        (32 * (batch * outputs + pairs) + 3 * batch * layer + 64 * layer) as u64
+        (passes + 32 * (batch * outputs + pairs) + 3 * batch * layer + 64 * layer) as u64
     }
 
     /// Products of a step of all parameters.
@@ -435,6 +509,14 @@ impl Search<'_> {
 
     /// The hypotheses with the fewest changes that give their numbers.
     fn explain(&self, hypotheses: &[Hypothesis], stage: Stage) -> Vec<Hypothesis> {
+        let fitted: Vec<_> = hypotheses
+            .iter()
+            .map(|base| {
+                let fitted = self.fitted(base, stage);
+                base.computing(Variant { fitted, ..base.variant })
+            })
+            .collect();
+        let hypotheses = &fitted[..];
         let without: Vec<_> = hypotheses.iter().flat_map(|one| self.without_one(one, stage)).collect();
         let with_one = |all: &[Hypothesis]| all.iter().flat_map(|base| self.with_one(base, stage)).collect();
         for candidates in [without.clone(), with_one(hypotheses), with_one(&without)] {
@@ -453,8 +535,12 @@ impl Search<'_> {
 
     /// The mistakes that can show in a quantity: those that no quantity before it has ruled out.
     fn candidates(&self, stage: Stage) -> impl Iterator<Item = &'static Mistake> {
-        let targets_are_judged = stage > Stage::Targets && self.theirs(Stage::Targets).is_some();
-        let least = if targets_are_judged { Stage::Loss } else { Stage::Targets };
+        let is_judged = |of: Stage| stage > of && self.theirs(of).is_some();
+        let least = match () {
+            () if is_judged(Stage::Targets) => Stage::Loss,
+            () if is_judged(Stage::Q) => Stage::Targets,
+            () => Stage::Q,
+        };
         let mut mistakes: Vec<_> =
             CATALOGUE.iter().filter(|mistake| (least..=stage).contains(&mistake.stage)).collect();
         mistakes.sort_by_key(|mistake| std::cmp::Reverse(mistake.stage));
@@ -464,13 +550,16 @@ impl Search<'_> {
     /// Without one of the mistakes in the loss or the gradient: what was reported may not be what was used.
     fn without_one(&self, hypothesis: &Hypothesis, stage: Stage) -> Vec<Hypothesis> {
         let is_removable = |explained: &Explained| {
-            !explained.reported_only && explained.mistake.stage > Stage::Targets && explained.quantity < stage
+            let is_reported =
+                explained.mistake.stage > Stage::Targets || explained.mistake.id == "targets_of_every_pair";
+            !explained.reported_only && is_reported && explained.quantity < stage
         };
         let without = |index: usize| {
             let mut without = hypothesis.clone();
             let removed = without.mistakes.remove(index);
             let computed = without.mistakes.iter().filter(|explained| !explained.reported_only);
-            without.variant = computed.fold(self.right, |variant, explained| explained.mistake.on(&variant));
+            let right = Variant { fitted: hypothesis.variant.fitted, ..self.right };
+            without.variant = computed.fold(right, |variant, explained| explained.mistake.on(&variant));
             without.mistakes.push(Explained { reported_only: true, ..removed });
             without
         };
@@ -479,8 +568,14 @@ impl Search<'_> {
     }
 
     fn with_one(&self, base: &Hypothesis, stage: Stage) -> Vec<Hypothesis> {
-        let candidates = self.candidates(stage).map(|mistake| base.with(mistake, stage));
-        candidates.filter(|candidate| candidate.variant != base.variant).collect()
+        let mut found: Vec<Hypothesis> = Vec::new();
+        for candidate in self.candidates(stage).map(|mistake| base.with(mistake, stage)) {
+            let is_known = found.iter().any(|known| known.variant == candidate.variant);
+            if candidate.variant != base.variant && !is_known {
+                found.push(candidate);
+            }
+        }
+        found
     }
 
     /// Both mistakes of each pair are applied in the order of the catalogue.
@@ -504,10 +599,15 @@ impl Search<'_> {
     fn not_visible(&self, hypothesis: &Hypothesis) -> Vec<String> {
         let given = |stage: &Stage| self.theirs(*stage).is_some();
         let Some(last) = Stage::ALL.into_iter().rfind(given) else { return Vec::new() };
-        let mistakes = CATALOGUE.iter().filter(|mistake| mistake.stage <= last);
+        let is_judged = |mistake: &Mistake| mistake.stage > Stage::Q || self.theirs(Stage::Q).is_some();
+        let is_fixed = |mistake: &Mistake| mistake.measured(&hypothesis.variant).is_none();
+        // Without Q-values an activation that changes nothing shows in none of the quantities: that of the output is said.
+        let is_said = |mistake: &Mistake| is_judged(mistake) || mistake.id.starts_with("output");
+        let mistakes =
+            CATALOGUE.iter().filter(|mistake| mistake.stage <= last && is_fixed(mistake) && is_said(mistake));
         let mut hidden: Vec<_> = mistakes.map(|mistake| hypothesis.with(mistake, mistake.stage)).collect();
         hidden.retain(|with| with.variant != hypothesis.variant);
-        for stage in Stage::ALL.into_iter().filter(given) {
+        for stage in [Stage::Q].into_iter().chain(Stage::ALL).filter(given) {
             let shows = |with: &Hypothesis| with.mistakes.last().is_some_and(|last| last.quantity <= stage);
             let (concerned, others): (Vec<_>, Vec<_>) = hidden.into_iter().partition(shows);
             let found = self.reproducing(concerned, stage);
@@ -515,6 +615,97 @@ impl Search<'_> {
         }
         hidden.iter().filter_map(|with| with.mistakes.last()).map(|last| last.mistake.name()).collect()
     }
+
+    /// What would explain numbers that nothing does, as far as something speaks for it.
+    fn unseen(&self, base: &Hypothesis, stage: Stage, ours: &[Number], theirs: &[f64]) -> Option<String> {
+        match stage {
+            Stage::Gradients if self.update.before.is_none() => Some(
+                "gradients of the updates before, where zero_grad is missing: `before.gradients.*` would show them".into(),
+            ),
+            Stage::Weights => self.could_be_amsgrad(base, ours, theirs),
+            _ => None,
+        }
+    }
+
+    /// What became of the target network.
+    fn judge_target_after(&self, hypotheses: &mut [Hypothesis]) {
+        let Update { results, target, .. } = self.update;
+        let (Some(before), Some(after), Some(online)) = (target, &results.target, &results.online) else {
+            return;
+        };
+        let moved = self.moved_to_online();
+        let is_online = self.right.given.target_is_online && after == online && after != before;
+        for hypothesis in hypotheses {
+            match moved {
+                _ if is_online => hypothesis.found("target_is_online", Stage::Weights, None),
+                Some(tau) if (0.9..1.0).contains(&tau) => {
+                    hypothesis.found(
+                        "tau_reversed",
+                        Stage::Weights,
+                        Some(format!("θ⁻ moves by {} of the way", short(tau))),
+                    );
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The share of the way to the new online network that the target network has moved, if it is one for all weights.
+    fn moved_to_online(&self) -> Option<f64> {
+        let Update { results, target, rounding_unit: unit, .. } = self.update;
+        let networks = [target.as_ref()?, results.target.as_ref()?, results.online.as_ref()?];
+        let [before, after, online] = networks.map(|network| network.parameters());
+        let ways = || (0..before.len()).map(|i| (after[i] - before[i], online[i] - before[i]));
+        let (product, squares) =
+            ways().fold((0.0, 0.0), |sum, (moved, way)| (sum.0 + moved * way, sum.1 + way * way));
+        let tau = if squares > 0.0 { product / squares } else { 0.0 };
+        let fits = |(i, (moved, way)): (usize, (f64, f64))| {
+            (moved - tau * way).abs() <= 16.0 * unit * (before[i].abs() + online[i].abs())
+        };
+        ways().enumerate().all(fits).then_some(tau)
+    }
+
+    fn facts(&self) -> Vec<String> {
+        let Update { results, adam, .. } = self.update;
+        let mut facts = Vec::new();
+        if self.right.given.target_is_online {
+            facts.push(
+                "your target network equals your online network: it was just copied, or is the same object"
+                    .into(),
+            );
+        }
+        if adam.steps == 0 && self.right.is_adam() {
+            facts.push(
+                "Adam is at its first step: right for the first update of a training; an optimiser that is made anew before \
+                 every update is always there"
+                    .into(),
+            );
+        }
+        if results.target.is_some() {
+            facts.push(match self.moved_to_online() {
+                Some(tau) if tau.abs() < 1e-9 => "the target network stays as it is".into(),
+                Some(tau) if (tau - 1.0).abs() < 1e-6 => {
+                    "the target network is copied from the online network".into()
+                }
+                Some(tau) => {
+                    format!("the target network moves by {} of the way to the online network", short(tau))
+                }
+                None => "the target network changes, and not towards the online network".into(),
+            });
+        }
+        facts
+    }
+}
+
+fn not_finite(place: usize, theirs: &[f64], ours: &[Number]) -> String {
+    let count = theirs.iter().filter(|value| !value.is_finite()).count();
+    let ours = ours.get(place).map_or(f64::NAN, |ours| ours.value);
+    format!(
+        "{count} of {} are not finite. The first, at position {place}, is {}; the finite numbers before it give {}",
+        theirs.len(),
+        theirs[place],
+        short(ours)
+    )
 }
 
 fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -522,7 +713,7 @@ fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 fn all_agree(ours: &[Number], theirs: &[f64]) -> bool {
-    ours.iter().zip(theirs).all(|(ours, &theirs)| agrees(ours, theirs))
+    ours.len() == theirs.len() && ours.iter().zip(theirs).all(|(ours, &theirs)| agrees(ours, theirs))
 }
 
 impl Judged {
@@ -535,8 +726,13 @@ impl Judged {
             name,
             state,
             largest_relative_difference: (state != QuantityState::Absent).then_some(relative),
-            differing: pairs().filter(|(ours, theirs)| !agrees(ours, **theirs)).count(),
+            // Of another shape all of them differ.
+            differing: match ours.len() == theirs.len() {
+                true => pairs().filter(|(ours, theirs)| !agrees(ours, **theirs)).count(),
+                false => theirs.len(),
+            },
             numbers: theirs.len(),
+            common: None,
         }
     }
 }

@@ -10,12 +10,13 @@ use serde::Serialize;
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::{
-    EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, Verdict, check_with,
+    BatchJudged, EpsilonPlace, Explained, Found, Judged, OptimizerName, QuantityState, Settings, Stage,
+    Update, Verdict, check_with,
 };
 use crate::nn::Loss;
 use crate::text::{COLUMNS, lines, shown};
 
-const INDENT: usize = 11;
+const INDENT: usize = 12;
 /// How long a check shows no progress.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -87,11 +88,13 @@ fn summary(verdict: &Verdict) -> String {
         1 => "a known mistake explains what differs".into(),
         count => format!("{count} known mistakes together explain what differs"),
     };
-    match (known.is_empty(), unexplained.is_empty()) {
-        (false, true) => known,
+    let numbers = match (known.is_empty(), unexplained.is_empty()) {
+        (_, true) => known,
         (false, false) => format!("{known}, but not the {}", unexplained.join(" and the ")),
-        _ => format!("no known mistake explains the {}", unexplained.join(" and the ")),
-    }
+        (true, false) => format!("no known mistake explains the {}", unexplained.join(" and the ")),
+    };
+    let batch = if verdict.batch.mistakes.is_empty() { "" } else { "the batch is wrong" };
+    [batch, &numbers].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ")
 }
 
 fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
@@ -102,14 +105,17 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
     let batch = update.batch.rewards.len();
     put(&mut text, "update", &format!("layers {}, {networks}, batch of {batch}, {float}", sizes.join("-")));
     put(&mut text, "settings", &settings(update));
+    describe_batch(&mut text, &verdict.batch);
     for quantity in &verdict.quantities {
         let name = quantity.name.name();
         put(&mut text, name, &state(quantity, verdict));
+        put_all(&mut text, "  in common", &quantity.common);
         let explanation = verdict.explanations.first().into_iter().flatten();
         for explained in explanation.filter(|explained| explained.quantity == quantity.name) {
-            let Explained { mistake, reported_only, .. } = explained;
+            let Explained { mistake, reported_only, measured, .. } = explained;
             put(&mut text, "  what", mistake.what);
-            if *reported_only {
+            put_all(&mut text, "", measured);
+            if *reported_only && measured.is_none() {
                 put(&mut text, "", "only this number has it: what follows is computed without it");
             }
             put(&mut text, "  why", mistake.why);
@@ -117,12 +123,18 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         }
     }
     for other in verdict.explanations.iter().skip(1) {
-        let names: Vec<_> = other.iter().map(|explained| explained.mistake.what).collect();
+        let name = |explained: &Explained| match &explained.measured {
+            Some(measured) => format!("{} ({measured})", explained.mistake.what),
+            None => explained.mistake.what.into(),
+        };
+        let names: Vec<String> = other.iter().map(name).collect();
         put(&mut text, "or", &format!("these numbers are as well explained by: {}", names.join(" AND ")));
     }
+    put_all(&mut text, "fact", &verdict.facts);
     if let Some(form) = verdict.norm_clipping {
         put(&mut text, "clipping", &format!("the norm is shortened as {form}; both forms are right"));
     }
+    put_all(&mut text, "possible", &verdict.unseen);
     if !verdict.mistakes_left_out.is_empty() || verdict.pairs_left_out {
         put(&mut text, "not tried", &not_tried(verdict));
     }
@@ -132,6 +144,26 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         put(&mut text, "not seen", &format!("{what}: {mistakes}"));
     }
     text
+}
+
+fn describe_batch(text: &mut String, batch: &BatchJudged) {
+    let BatchJudged { mistakes, facts, unseen, .. } = batch;
+    let state = match (mistakes.is_empty(), &facts[..]) {
+        (false, facts) => ["WRONG".into()].iter().chain(facts).cloned().collect::<Vec<_>>().join("; "),
+        (true, []) => "of a task whose physics this program does not know".into(),
+        (true, facts) => facts.join("; "),
+    };
+    put(text, "batch", &state);
+    for Found { mistake, evidence } in mistakes {
+        put(text, "  what", &format!("{}: {evidence}", mistake.what));
+        put(text, "  why", mistake.why);
+        put(text, "  mend", mistake.mend);
+    }
+    put_all(text, "possible", unseen);
+}
+
+fn put_all<'a>(text: &mut String, name: &str, paragraphs: impl IntoIterator<Item = &'a String>) {
+    paragraphs.into_iter().for_each(|paragraph| put(text, name, paragraph));
 }
 
 fn not_tried(verdict: &Verdict) -> String {
@@ -147,18 +179,40 @@ fn not_tried(verdict: &Verdict) -> String {
 }
 
 fn settings(update: &Update) -> String {
-    let Settings { gamma, learning_rate, beta1, beta2, epsilon, .. } = update.settings;
-    let loss = if update.settings.loss == Loss::Mse { "mse" } else { "huber" };
-    let double = if update.settings.double { "double, " } else { "" };
-    let norm = update.settings.max_gradient_norm;
-    let norm = norm.map_or(String::new(), |norm| format!(", max_gradient_norm {norm}"));
-    let is_tensorflow = update.settings.epsilon_place == EpsilonPlace::TensorFlow;
-    let place = if is_tensorflow { " in TensorFlow's place" } else { "" };
+    let settings = &update.settings;
+    let Settings { gamma, learning_rate, beta1, beta2, epsilon, huber_delta, .. } = settings;
+    let mut said = vec![format!("gamma {gamma}")];
+    said.push(match settings.loss {
+        Loss::Mse => "loss mse".into(),
+        Loss::Huber if *huber_delta == 1.0 => "loss huber".into(),
+        Loss::Huber => format!("loss huber with delta {huber_delta}"),
+    });
+    said.extend(settings.double.then(|| "double".into()));
     let step = update.adam.steps + 1;
-    format!(
-        "gamma {gamma}, loss {loss}, {double}Adam step {step} with learning_rate {learning_rate}, beta1 {beta1}, \
-         beta2 {beta2}, epsilon {epsilon:e}{place}{norm}"
-    )
+    let place =
+        if settings.epsilon_place == EpsilonPlace::TensorFlow { " in TensorFlow's place" } else { "" };
+    let adam =
+        format!("learning_rate {learning_rate}, beta1 {beta1}, beta2 {beta2}, epsilon {epsilon:e}{place}");
+    let amsgrad = if settings.amsgrad { " (amsgrad)" } else { "" };
+    said.push(match settings.optimizer {
+        OptimizerName::Adam => format!("Adam{amsgrad} step {step} with {adam}"),
+        OptimizerName::AdamW => format!("AdamW{amsgrad} step {step} with {adam}"),
+        OptimizerName::RmsProp => {
+            format!(
+                "RMSprop with learning_rate {learning_rate}, alpha {}, epsilon {epsilon:e}{place}",
+                settings.alpha
+            )
+        }
+        OptimizerName::Sgd => format!("SGD with learning_rate {learning_rate}"),
+    });
+    let named = [
+        ("weight_decay", settings.weight_decay),
+        ("momentum", Some(settings.momentum).filter(|momentum| *momentum > 0.0)),
+        ("max_gradient_norm", settings.max_gradient_norm),
+        ("clip_value", settings.clip_value),
+    ];
+    said.extend(named.into_iter().filter_map(|(name, value)| Some(format!("{name} {}", value?))));
+    said.join(", ")
 }
 
 fn state(quantity: &Judged, verdict: &Verdict) -> String {

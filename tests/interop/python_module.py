@@ -315,6 +315,16 @@ def updates_of_all_forms_are_the_same(binary):
     for update, has_weights in ((lambda: (np.ones(5), None), True), ({"targets": np.ones(5)}, False)):
         save_update("model.safetensors", Model(), None, None, batch, update)
         require(("result.online.0.bias" in tensors("model.safetensors")) == has_weights, "the weights after the update")
+    # An optimizer of PyTorch says its settings itself, and what is given with them goes before it.
+    class SGD:
+        param_groups = [{"params": [], "lr": 0.01, "momentum": 0.9, "dampening": 0, "weight_decay": 0, "nesterov": False}]
+        state: dict = {}
+
+    save_update("settings.safetensors", form, None, SGD(), batch, {"loss": 1.0}, learning_rate=0.5, environment="CartPole-v1")
+    with open("settings.safetensors", "rb") as file:
+        header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
+    said = json.loads(header["__metadata__"]["settings"])
+    require(said == {"optimizer": "sgd", "learning_rate": 0.5, "weight_decay": 0.0, "momentum": 0.9, "environment": "CartPole-v1"}, said)
     # m is not Adam's, v is negative: `check` reads the file so far that it says so.
     code = subprocess.run([binary, "check", "form.safetensors"], capture_output=True, text=True)
     require(code.returncode == 2 and "adam.v" in code.stderr, code.stderr)

@@ -19,7 +19,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("agent", &["rng", "mirror", "nn", "tensors"]),
     ("trainer", &["rng", "env", "tensors", "agent"]),
     ("config", &["memory", "text", "nn", "env", "agent", "trainer"]),
-    ("check", &["nn", "agent", "tensors", "text", "files"]),
+    ("check", &["nn", "env", "agent", "tensors", "text", "files"]),
     ("explain", &["nn", "env", "tensors", "agent", "trainer", "config", "check"]),
     ("sink", &["files", "trainer"]),
     ("run", &["memory", "text", "files", "nn", "env", "tensors", "agent", "trainer", "config", "sink"]),

@@ -1,8 +1,8 @@
 //! `check` and `explain`: other people's updates, with and without mistakes.
 
 use cartpole_dqn::check::{
-    Batch, CATALOGUE, Moments, Number, QuantityState, Reference, Results, Settings, Stage, Update, Variant,
-    Verdict, check,
+    Batch, CATALOGUE, FINDINGS, Moments, Number, OptimizerName, QuantityState, Reference, Results, Settings,
+    Stage, Update, Variant, Verdict, check,
 };
 use cartpole_dqn::explain::explain;
 use cartpole_dqn::nn::{Loss, Mlp};
@@ -42,13 +42,15 @@ fn update(settings: Settings, steps: u64, has_target: bool) -> Update {
         terminated: (0..size).map(|sample| sample % 5 == 0).collect(),
         truncated: Some((0..size).map(|sample| sample % 7 == 1).collect()),
         discounts: vec![settings.gamma; size],
+        weights: None,
     };
     Update {
+        before: None,
         settings,
         online,
         target: has_target.then_some(target),
         batch,
-        adam: Moments { steps, first, second },
+        adam: Moments { steps, first, second, largest: None },
         results: Results::default(),
         rounding_unit: f64::EPSILON / 2.0,
     }
@@ -56,14 +58,14 @@ fn update(settings: Settings, steps: u64, has_target: bool) -> Update {
 
 /// Fills in what a variant gives of these quantities.
 fn fill(update: &mut Update, variant: &Variant, stages: &[Stage]) {
-    let (targets, loss, gradients, weights) = {
+    let (q, targets, loss, gradients, weights) = {
         let reference = Reference::new(update);
         let targets = reference.targets(variant);
         let loss = reference.loss(variant, &targets);
         let raw = reference.raw_gradients(variant, &targets, &loss, 0);
         let gradients = reference.changed(variant, raw);
         let weights = reference.weights(variant, &gradients, 0);
-        (targets.values, loss.value.value, gradients, weights)
+        (reference.q(variant), targets.values, loss.value.value, gradients, weights)
     };
     let network = |numbers: &[Number]| {
         let mut network = update.online.clone();
@@ -71,7 +73,10 @@ fn fill(update: &mut Update, variant: &Variant, stages: &[Stage]) {
         network
     };
     let has = |stage| stages.contains(&stage);
+    let q = DMatrix::from_iterator(24, 3, q.iter().map(|q| q.value));
     update.results = Results {
+        q: has(Stage::Q).then_some(q),
+        target: None,
         targets: has(Stage::Targets).then(|| targets.iter().map(|target| target.value).collect()),
         loss: has(Stage::Loss).then_some(loss),
         gradients: has(Stage::Gradients).then(|| network(&gradients)),
@@ -88,6 +93,12 @@ fn settings_for(id: &str) -> Settings {
         max_gradient_norm: id.starts_with("gradient_not").then_some(0.3).or_else(|| {
             ["gradient_clipped_by_value", "gradient_clipped_by_tensor"].contains(&id).then_some(0.3)
         }),
+        optimizer: match id {
+            "adam" => OptimizerName::Sgd,
+            "weight_decay_forgotten" => OptimizerName::AdamW,
+            _ => OptimizerName::Adam,
+        },
+        amsgrad: id == "amsgrad_left_out",
         ..Settings::default()
     }
 }
@@ -138,9 +149,13 @@ fn golden_torch_updates_are_equal_in_all_four_quantities() {
                 terminated: serde_json::from_value(step["terminated"].clone()).unwrap(),
                 truncated: None,
                 discounts: vec![number("gamma"); size],
+                weights: None,
             },
-            adam: Moments { steps: 0, first: fresh.clone(), second: fresh },
+            adam: Moments { steps: 0, first: fresh.clone(), second: fresh, largest: None },
+            before: None,
             results: Results {
+                q: None,
+                target: None,
                 targets: Some(numbers(&step["targets"])),
                 loss: step["loss"].as_f64(),
                 gradients: Some(network(&step["gradients"])),
@@ -160,9 +175,25 @@ fn every_mistake_of_the_catalogue_is_named() {
         let steps = if mistake.id == "gradient_accumulated" { 1 } else { 20 };
         let has_target = mistake.id != "gradient_through_target";
         let mut update = update(settings_for(mistake.id), steps, has_target);
+        let is_n_step = mistake.id.starts_with("discount_of_one") || mistake.id == "full_n_at_the_end";
+        if is_n_step {
+            update.batch.discounts =
+                (0..24).map(|sample| 0.9_f64.powi(if sample % 7 == 1 { 2 } else { 3 })).collect();
+        }
+        update.batch.weights = (mistake.id == "weights_forgotten")
+            .then(|| (0..24).map(|sample| 0.2 + 0.1 * f64::from(sample)).collect());
+        update.adam.largest = (mistake.id == "amsgrad_left_out").then(|| {
+            let mut largest = update.adam.second.clone();
+            largest.parameters_mut().iter_mut().for_each(|v| *v *= 2.0);
+            largest
+        });
         let variant = mistake.on(&Variant::right(&update));
         assert_ne!(variant, Variant::right(&update), "{}", mistake.id);
         fill(&mut update, &variant, &Stage::ALL);
+        if mistake.stage == Stage::Q {
+            let q: Vec<f64> = Reference::new(&update).q(&variant).iter().map(|q| q.value).collect();
+            update.results.q = Some(DMatrix::from_vec(24, 3, q));
+        }
         let verdict = check(&update);
         assert!(explanations(&verdict).contains(&vec![mistake.id]), "{}: {verdict:?}", mistake.id);
         assert!(!verdict.equal);
@@ -176,6 +207,7 @@ fn the_documentation_lists_every_mistake_in_the_order_of_the_catalogue() {
     let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/check.md")).unwrap();
     let place = |id: &str| text.find(&format!("| `{id}` |")).unwrap_or_else(|| panic!("{id} is not in it"));
     assert!(CATALOGUE.iter().map(|mistake| place(mistake.id)).is_sorted());
+    assert!(FINDINGS.iter().map(|mistake| place(mistake.id)).is_sorted());
 }
 
 #[test]
@@ -472,8 +504,13 @@ fn what_is_wrong_with_a_file_is_named_with_what_is_expected() {
     let set: Vec<String> = TINY.iter().map(ToString::to_string).collect();
     let explained = cartpole_dqn::explain::explain(&super::plain(&set), 90).unwrap();
     for (name, shape, values, expected) in [
-        ("result.loss", &[1][..], &[f32::NAN][..], &["`result.loss` holds NaN", "a finite number"][..]),
-        ("batch.rewards", &[8], &[f32::INFINITY; 8], &["`batch.rewards` holds inf", "a finite number"]),
+        (
+            "batch.rewards",
+            &[8][..],
+            &[f32::INFINITY; 8][..],
+            &["`batch.rewards` holds inf", "a finite number"][..],
+        ),
+        ("online.0.bias", &[8], &[f32::NAN; 8], &["`online.0.bias` holds NaN", "a finite number"]),
         ("batch.observations", &[0, 4], &[], &["F32 [0, 4]", "a batch of at least 1"]),
         ("batch.actions", &[8], &[2.0; 8], &["holds 2", "an action from 0 to 1"]),
         ("batch.terminated", &[8], &[0.5; 8], &["holds 0.5", "0 or 1"]),

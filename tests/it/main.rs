@@ -3,6 +3,7 @@
 
 mod arrows;
 mod check;
+mod check_cases;
 mod cli;
 mod cli_config;
 mod cli_eval;

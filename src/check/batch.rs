@@ -1,0 +1,520 @@
+//! The rows of a batch against the physics of their task: s′ = step(s, a), its reward, and whether the episode ended there.
+
+use nalgebra::DMatrix;
+use serde::Serialize;
+
+use super::file::Update;
+use super::fit::short;
+use super::mistakes::{Mistake, finding};
+use crate::env::catalogue::EnvironmentId;
+use crate::env::{CartPole, Outcome};
+
+/// Fewest rows of which anything is said that one row alone does not prove.
+const FEW: usize = 8;
+/// Most sequences of actions that are tried between s and s′ of a sample of several steps.
+const MAX_SEQUENCES: usize = 64;
+
+#[derive(Debug, Default, Serialize)]
+pub struct Judged {
+    /// The task whose physics the rows have, or that the settings name.
+    pub environment: Option<EnvironmentId>,
+    pub mistakes: Vec<Found>,
+    pub facts: Vec<String>,
+    /// What could not be seen, and why.
+    pub unseen: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+pub struct Found {
+    #[serde(flatten)]
+    pub mistake: &'static Mistake,
+    /// The numbers that prove it.
+    pub evidence: String,
+}
+
+/// What a row is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Row {
+    Step,
+    /// A step with this action, which is not the stored one.
+    StepWith(usize),
+    /// s′ is s.
+    Same,
+    /// s follows from s′.
+    Reversed,
+    /// s′ is a start.
+    Reset,
+    /// s′ follows from this row.
+    Of(usize),
+    Unknown,
+}
+
+pub(super) fn judge(update: &Update) -> Judged {
+    let rows = Rows::of(update);
+    let mut judged = Judged::default();
+    let sizes = update.online.sizes();
+    let has_sizes = |id: &EnvironmentId| {
+        let spec = id.spec();
+        [spec.observation_size, spec.num_actions] == [sizes[0], sizes[sizes.len() - 1]]
+    };
+    let named = update.settings.environment;
+    let candidate = named.or_else(|| {
+        EnvironmentId::NAMES.iter().filter_map(|name| EnvironmentId::from_name(name)).find(has_sizes)
+    });
+    if rows.is_one_transition() {
+        judged.found("one_transition_repeated", format!("all {} rows are equal", rows.size()));
+        return judged;
+    }
+    let Some(id) = candidate.filter(has_sizes) else {
+        rows.judge_without_physics(&mut judged);
+        judged.unseen.extend(named.map(|id| {
+            format!("whether the rows are steps of {}: the network has other sizes", id.spec().id)
+        }));
+        return judged;
+    };
+    let physics = Physics { id, rounding: update.rounding_unit.max(f64::from(f32::EPSILON) / 2.0) };
+    if rows.judge_rounding(&physics, named.is_some(), &mut judged) {
+        judged.environment = Some(id);
+        return judged;
+    }
+    let kinds = rows.kinds(&physics);
+    let known =
+        kinds.iter().filter(|kind| matches!(kind, Row::Step | Row::StepWith(_) | Row::Reversed | Row::Of(_)));
+    if named.is_none() && 2 * known.count() < rows.size() {
+        rows.judge_start(&physics, &mut judged);
+        if judged.mistakes.is_empty() {
+            rows.judge_without_physics(&mut judged);
+        }
+        return judged;
+    }
+    judged.environment = Some(id);
+    rows.judge_kinds(&physics, &kinds, &mut judged);
+    rows.judge_ends(&physics, &kinds, named.is_some(), &mut judged);
+    judged
+}
+
+impl Judged {
+    fn found(&mut self, id: &str, evidence: String) {
+        self.mistakes.extend(finding(id).map(|mistake| Found { mistake, evidence }));
+    }
+}
+
+/// A task's steps, as they are seen.
+struct Physics {
+    id: EnvironmentId,
+    /// Relative rounding of the observations.
+    rounding: f64,
+}
+
+impl Physics {
+    fn step(&self, seen: &[f64], action: usize) -> Option<(Vec<f64>, Outcome)> {
+        self.id.step_from(seen, action)
+    }
+
+    /// Whether a step leads from `seen` to `next`, where each number of both may be off by so much.
+    fn leads(&self, seen: &[f64], action: usize, next: &[f64], off: impl Fn(f64) -> f64) -> bool {
+        let Some((expected, _)) = self.step(seen, action) else { return false };
+        // Most rows need no derivative: none is above 10.
+        let far = |(i, x): (usize, &f64)| {
+            (x - next[i]).abs() > off(next[i]) + 20.0 * seen.iter().map(|&x| off(x)).sum::<f64>()
+        };
+        if expected.iter().enumerate().any(far) {
+            return false;
+        }
+        let mut allowed: Vec<f64> = next.iter().map(|&x| off(x)).collect();
+        for (i, &x) in seen.iter().enumerate() {
+            let mut moved = seen.to_vec();
+            let by = off(x).max(1e-7);
+            moved[i] += by;
+            let Some((other, _)) = self.step(&moved, action) else { return false };
+            let carried = other.iter().zip(&expected).map(|(other, x)| (other - x).abs() * off(seen[i]) / by);
+            allowed.iter_mut().zip(carried).for_each(|(allowed, carried)| *allowed += carried);
+        }
+        expected.iter().zip(next).zip(&allowed).all(|((x, next), allowed)| (x - next).abs() <= *allowed)
+    }
+
+    /// What rounding leaves of a number: a few units in its last place, since some programs step in f32, and as much of the
+    /// numbers around 0.01 that make it.
+    fn off(&self, x: f64) -> f64 {
+        self.rounding * (4.0 * x.abs() + 0.1)
+    }
+}
+
+struct Rows<'a> {
+    update: &'a Update,
+    s: Vec<Vec<f64>>,
+    next: Vec<Vec<f64>>,
+}
+
+impl<'a> Rows<'a> {
+    fn of(update: &'a Update) -> Self {
+        let rows =
+            |matrix: &DMatrix<f64>| matrix.row_iter().map(|row| row.iter().copied().collect()).collect();
+        Self { update, s: rows(&update.batch.observations), next: rows(&update.batch.next_observations) }
+    }
+
+    fn size(&self) -> usize {
+        self.s.len()
+    }
+
+    fn actions(&self) -> usize {
+        self.update.online.sizes()[self.update.online.num_layers()]
+    }
+
+    fn is_one_transition(&self) -> bool {
+        let batch = &self.update.batch;
+        let is_first = |i: usize| {
+            self.s[i] == self.s[0] && self.next[i] == self.next[0] && batch.actions[i] == batch.actions[0]
+        };
+        self.size() >= FEW && (1..self.size()).all(is_first)
+    }
+
+    /// What is wrong in every task.
+    fn judge_without_physics(&self, judged: &mut Judged) {
+        let size = self.size();
+        let mut starts: Vec<&Vec<f64>> = self.s.iter().collect();
+        let mut nexts: Vec<&Vec<f64>> = self.next.iter().collect();
+        for rows in [&mut starts, &mut nexts] {
+            rows.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+            rows.dedup();
+        }
+        if size >= FEW && self.s == self.next {
+            judged.found("next_is_current", format!("in all {size} rows s′ equals s"));
+        } else if size >= FEW
+            && starts.len() == 1
+            && nexts.len() > size / 2
+            && !self.update.batch.terminated.iter().all(|&end| end)
+        {
+            judged.found(
+                "state_not_advanced",
+                format!("s is the same in all {size} rows, s′ takes {} values", nexts.len()),
+            );
+        }
+    }
+
+    /// Rows that all begin in a start, while they end elsewhere.
+    fn judge_start(&self, physics: &Physics, judged: &mut Judged) {
+        let count = |rows: &[Vec<f64>]| rows.iter().filter(|row| physics.id.can_start_with(row)).count();
+        let (size, started, back) = (self.size(), count(&self.s), count(&self.next));
+        if size >= FEW && started == size && 2 * back < size && self.s != self.next {
+            let name = physics.id.spec().id;
+            judged.environment = Some(physics.id);
+            judged.found(
+                "state_not_advanced",
+                format!("s of all {size} rows is a start of {name}, s′ of {} rows is not", size - back),
+            );
+        }
+    }
+
+    /// Observations on a grid of powers of ten, between which the task's steps lie.
+    fn judge_rounding(&self, physics: &Physics, is_named: bool, judged: &mut Judged) -> bool {
+        let all = || self.s.iter().chain(&self.next).flatten();
+        let on_grid = |grid: f64| all().all(|x| (x / grid - (x / grid).round()).abs() < 1e-4);
+        let Some(grid) = [1.0, 0.1, 0.01, 0.001].into_iter().find(|&grid| on_grid(grid)) else {
+            return false;
+        };
+        let leads = |i: usize| {
+            (0..self.actions()).any(|action| physics.leads(&self.s[i], action, &self.next[i], |_| grid))
+        };
+        let fit = (0..self.size()).filter(|&i| leads(i)).count();
+        // A coarse grid holds much: then the rewards, which are those of every step, must be the task's too.
+        let rewards = &self.update.batch.rewards;
+        let is_reward =
+            |reward: &f64| physics.step(&self.s[0], 0).is_some_and(|(_, outcome)| outcome.reward == *reward);
+        let is_task = is_named || grid < 0.05 || rewards.iter().all(is_reward);
+        let is_exact = (0..self.size()).any(|i| {
+            (0..self.actions())
+                .any(|action| physics.leads(&self.s[i], action, &self.next[i], |x| physics.off(x)))
+        });
+        if self.size() < FEW || fit < self.size() || !is_task || is_exact {
+            return false;
+        }
+        let name = physics.id.spec().id;
+        judged.found(
+            "observations_rounded",
+            format!(
+                "every number is a multiple of {grid}; no step of {name} leads from these s to these s′, and within {grid} \
+                 steps do in all {fit} rows"
+            ),
+        );
+        true
+    }
+
+    fn kinds(&self, physics: &Physics) -> Vec<Row> {
+        let exact =
+            |from: &[f64], action: usize, to: &[f64]| physics.leads(from, action, to, |x| physics.off(x));
+        let actions = &self.update.batch.actions;
+        let any = |from: &[f64], to: &[f64]| (0..self.actions()).find(|&action| exact(from, action, to));
+        let mut kinds: Vec<Row> = (0..self.size())
+            .map(|i| {
+                let (s, next) = (&self.s[i], &self.next[i]);
+                match any(s, next) {
+                    _ if exact(s, actions[i], next) || self.several_steps_lead(physics, i) => Row::Step,
+                    Some(other) => Row::StepWith(other),
+                    None if s == next => Row::Same,
+                    None if any(next, s).is_some() => Row::Reversed,
+                    None if physics.id.can_start_with(next) => Row::Reset,
+                    None => Row::Unknown,
+                }
+            })
+            .collect();
+        let steps: Vec<_> = (0..self.size()).map(|i| physics.step(&self.s[i], actions[i])).collect();
+        for i in
+            (0..self.size()).filter(|&i| matches!(kinds[i], Row::Unknown | Row::Reset)).collect::<Vec<_>>()
+        {
+            let next = &self.next[i];
+            let is_near = |step: &[f64]| step.iter().zip(next).all(|(x, next)| (x - next).abs() < 1e-4);
+            let of = (0..self.size()).find(|&j| {
+                steps[j].as_ref().is_some_and(|(step, _)| is_near(step))
+                    && exact(&self.s[j], actions[j], next)
+            });
+            kinds[i] = of.map_or(kinds[i], Row::Of);
+        }
+        kinds
+    }
+
+    /// Whether s′ of a sample with a discount of its own is reached in several steps.
+    fn several_steps_lead(&self, physics: &Physics, i: usize) -> bool {
+        let gamma = self.update.settings.gamma;
+        let steps = (self.update.batch.discounts[i].ln() / gamma.ln()).round();
+        if !(1.5..=20.0).contains(&steps) {
+            return false;
+        }
+        let mut reached = self.step_all(physics, &[self.s[i].clone()], Some(self.update.batch.actions[i]));
+        for step in 2..=steps as i32 {
+            if reached.len() * self.actions() > MAX_SEQUENCES {
+                return true;
+            }
+            reached = self.step_all(physics, &reached, None);
+            // An error grows by less than two with every step.
+            let off = |x: f64| physics.off(x) * 2.0_f64.powi(step + 2);
+            let is_there = |state: &Vec<f64>| {
+                state.iter().zip(&self.next[i]).all(|(x, next)| (x - next).abs() <= off(*next))
+            };
+            if reached.iter().any(is_there) {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn step_all(&self, physics: &Physics, from: &[Vec<f64>], action: Option<usize>) -> Vec<Vec<f64>> {
+        let actions = action.map_or(0..self.actions(), |action| action..action + 1);
+        let stepped = |state: &Vec<f64>| {
+            actions.clone().filter_map(|action| Some(physics.step(state, action)?.0)).collect::<Vec<_>>()
+        };
+        from.iter().flat_map(stepped).collect()
+    }
+
+    fn judge_kinds(&self, physics: &Physics, kinds: &[Row], judged: &mut Judged) {
+        let (size, name) = (self.size(), physics.id.spec().id);
+        let actions = &self.update.batch.actions;
+        let which = |is: &dyn Fn(Row) -> bool| (0..size).filter(|&i| is(kinds[i])).collect::<Vec<_>>();
+        let steps = which(&|kind| kind == Row::Step).len();
+        let others = which(&|kind| matches!(kind, Row::StepWith(_)));
+        if steps == size {
+            judged.facts.push(format!("all {size} rows are steps of {name}"));
+            return;
+        }
+        judged.facts.push(format!("{steps} of {size} rows are steps of {name}"));
+        // A wrapper may number the actions otherwise.
+        let renumbered = |i: usize| match kinds[i] {
+            Row::StepWith(other) => {
+                (0..size).all(|j| actions[j] != actions[i] || kinds[j] == Row::StepWith(other))
+            }
+            kind => kind == Row::Step && (0..size).all(|j| actions[j] != actions[i] || kinds[j] == Row::Step),
+        };
+        let used = (0..self.actions()).filter(|action| actions.contains(action)).count();
+        if !others.is_empty() && used == self.actions() && (0..size).all(renumbered) {
+            judged.facts.push("the actions are numbered otherwise than the task's: every row is a step with another action, always the same for each".into());
+        } else if let Some(&first) = others.first() {
+            let only =
+                if used == 1 { format!("; every stored action is {}", actions[0]) } else { String::new() };
+            judged.found(
+                "stored_action_is_another",
+                format!(
+                    "{} of {size} rows are steps of {name} with another action than the stored one, row {first} for example{only}",
+                    others.len()
+                ),
+            );
+        }
+        let ended = |i: usize| {
+            let batch = &self.update.batch;
+            batch.terminated[i] || batch.truncated.as_ref().is_some_and(|truncated| truncated[i])
+        };
+        let kinds: [(&str, &dyn Fn(Row) -> bool, &str); 5] = [
+            ("next_is_current", &|kind| kind == Row::Same, "s′ equals s"),
+            ("observations_exchanged_in_batch", &|kind| kind == Row::Reversed, "a step leads from s′ to s"),
+            ("next_is_reset", &|kind| kind == Row::Reset, "s′ is a start, to which no step leads from s"),
+            (
+                "next_of_another_row",
+                &|kind| matches!(kind, Row::Of(_)),
+                "s′ follows from s and action of another row",
+            ),
+            (
+                "row_that_never_happened",
+                &|kind| kind == Row::Unknown,
+                "no step leads from s to s′, with any action",
+            ),
+        ];
+        for (id, is, what) in kinds {
+            let rows = which(is);
+            let Some(first) = rows.first() else { continue };
+            let ends = rows.iter().filter(|&&i| ended(i)).count();
+            let ends = if ends == 0 { String::new() } else { format!("; {ends} of them ended the episode") };
+            judged.found(
+                id,
+                format!("in {} of {size} rows, row {first} for example, {what}{ends}", rows.len()),
+            );
+        }
+    }
+
+    /// Rewards and ends of the rows that are single steps.
+    fn judge_ends(&self, physics: &Physics, kinds: &[Row], is_named: bool, judged: &mut Judged) {
+        let batch = &self.update.batch;
+        let name = physics.id.spec().id;
+        let stored_with = |i: usize| match kinds[i] {
+            Row::Step => Some(batch.actions[i]),
+            Row::StepWith(other) => Some(other),
+            _ => None,
+        };
+        let is_single = |i: usize| (batch.discounts[i] - self.update.settings.gamma).abs() < 1e-6;
+        let outcome = |i: usize| Some((i, physics.step(&self.s[i], stored_with(i)?)?.1));
+        let steps: Vec<(usize, Outcome)> =
+            (0..self.size()).filter(|&i| is_single(i)).filter_map(outcome).collect();
+        if steps.is_empty() {
+            return;
+        }
+        let truncated = |i: usize| batch.truncated.as_ref().is_some_and(|truncated| truncated[i]);
+        let which = |is: &dyn Fn(usize, Outcome) -> bool| -> Vec<usize> {
+            steps.iter().filter(|&&(i, outcome)| is(i, outcome)).map(|&(i, _)| i).collect()
+        };
+        let ends = which(&|_, outcome| outcome.terminated);
+        let lost = which(&|i, outcome| outcome.terminated && !batch.terminated[i]);
+        let early = which(&|i, outcome| !outcome.terminated && batch.terminated[i]);
+        let is_exchanged = |counts_limit: bool| {
+            steps.iter().all(|&(i, outcome)| {
+                let end = outcome.terminated || (counts_limit && truncated(i));
+                batch.terminated[i] == (outcome.reward != 0.0) && batch.rewards[i] == f64::from(end)
+            })
+        };
+        if !ends.is_empty() && (is_exchanged(false) || is_exchanged(true)) {
+            let count = steps.len();
+            judged.found(
+                "reward_and_end_exchanged",
+                format!("the reward is 1 in the rows that end an episode and 0 elsewhere, `terminated` is 1 in all {count}"),
+            );
+            return;
+        }
+        let beyond = self.beyond(physics, &steps);
+        if !beyond.is_empty() {
+            let evidence = format!(
+                "s of {} rows, row {} for example, is where {name} has ended",
+                beyond.len(),
+                beyond[0]
+            );
+            if is_named {
+                judged.found("steps_after_the_end", evidence);
+            } else {
+                judged.facts.push(format!("{evidence}: episodes do not end as those of {name}"));
+            }
+        } else if !lost.is_empty() && !early.is_empty() {
+            judged.found(
+                "end_of_another_step",
+                format!(
+                    "{} rows end in a state where {name} ends and have `terminated` 0, {} that do not have 1",
+                    lost.len(),
+                    early.len()
+                ),
+            );
+        } else if let Some(first) = lost.first() {
+            judged.found(
+                "terminated_never_stored",
+                format!(
+                    "{} of {} rows that end {name}, row {first} for example, have `terminated` 0",
+                    lost.len(),
+                    ends.len()
+                ),
+            );
+        } else if let Some(first) = early.first() {
+            let evidence = format!(
+                "{} rows, row {first} for example, have `terminated` 1 though {name} goes on from s′",
+                early.len()
+            );
+            let at_limit = early.iter().filter(|&&i| truncated(i)).count();
+            if at_limit > 0 || is_named || !self.has_threshold(&early) {
+                judged.found(
+                    "time_limit_stored_as_terminated",
+                    format!("{evidence}; {at_limit} of them have `truncated` 1"),
+                );
+            } else {
+                judged.unseen.push(format!(
+                    "{evidence}: a time limit stored as an end, or an end of your own (they are the farthest in one \
+                     coordinate). \"environment\": \"{name}\" in the settings says that it is the former"
+                ));
+            }
+        }
+        self.judge_rewards(physics, &steps, judged);
+    }
+
+    /// Rows that start where the task has ended.
+    fn beyond(&self, physics: &Physics, steps: &[(usize, Outcome)]) -> Vec<usize> {
+        let limits: Option<[f64; 2]> = match physics.id {
+            EnvironmentId::CartPoleV1 => Some([CartPole::MAX_POSITION, CartPole::MAX_ANGLE]),
+            _ => None,
+        };
+        let is_beyond = |i: usize| {
+            limits
+                .is_some_and(|[x, angle]| self.s[i][0].abs() > x + 1e-6 || self.s[i][2].abs() > angle + 1e-6)
+        };
+        steps.iter().map(|&(i, _)| i).filter(|&i| is_beyond(i)).collect()
+    }
+
+    /// Whether one number of s′ parts these rows from all others, as an end of somebody's own would.
+    fn has_threshold(&self, rows: &[usize]) -> bool {
+        (0..self.s[0].len()).any(|coordinate| {
+            [|x: f64| x, |x: f64| -x, f64::abs].into_iter().any(|of| {
+                let value = |i: usize| of(self.next[i][coordinate]);
+                let least = rows.iter().map(|&i| value(i)).fold(f64::INFINITY, f64::min);
+                let others = (0..self.size()).filter(|&i| !self.update.batch.terminated[i]);
+                others.map(value).fold(f64::NEG_INFINITY, f64::max) < least
+            })
+        })
+    }
+
+    fn judge_rewards(&self, physics: &Physics, steps: &[(usize, Outcome)], judged: &mut Judged) {
+        let rewards = &self.update.batch.rewards;
+        let name = physics.id.spec().id;
+        let differing: Vec<_> =
+            steps.iter().filter(|(i, outcome)| !is_near(rewards[*i], outcome.reward)).collect();
+        let Some(&&(first, outcome)) = differing.first() else { return };
+        let factor = rewards[first] / outcome.reward;
+        let is_of_task = |reward: f64| steps.iter().any(|(_, outcome)| outcome.reward == reward);
+        let is_way = |end: bool| differing.iter().any(|(_, outcome)| outcome.terminated == end);
+        if factor.is_finite()
+            && steps.iter().all(|(i, outcome)| is_near(rewards[*i], factor * outcome.reward))
+        {
+            judged.facts.push(format!("the rewards are {} times those of {name}", short(factor)));
+        } else if steps.iter().all(|(i, _)| is_of_task(rewards[*i])) && is_way(true) && is_way(false) {
+            let evidence = format!(
+                "{} rows, row {first} for example, have another reward than their step of {name}",
+                differing.len()
+            );
+            judged.found("reward_of_another_step", evidence);
+        } else {
+            let value = rewards[first];
+            let is_one = differing.iter().all(|(i, _)| rewards[*i] == value);
+            let ends = differing.iter().filter(|(_, outcome)| outcome.terminated).count();
+            let what = if is_one { format!("is {}", short(value)) } else { "differs".into() };
+            judged.facts.push(format!(
+                "the reward of {} rows {what}, where {name} gives {}; {ends} of them end the episode",
+                differing.len(),
+                short(outcome.reward)
+            ));
+        }
+    }
+}
+
+fn is_near(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-6 * b.abs().max(1e-6)
+}
