@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the program for Windows with MinGW, runs it under wine, and requires the bytes of the Linux build, with the CPU's fast
 # kernels and with the scalar ones. Ends with a table of what was tried. Needs Debian's gcc-mingw-w64-x86-64, wine, wine64 and
-# python3, and rustup's target.
+# python3.
 #     tests/interop/windows.sh [EXE LINUX_BINARY]      # those, in place of new release builds
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -19,10 +19,7 @@ done
 if [ $# = 2 ]; then
     exe=$(realpath "$1") linux=$(realpath "$2")
 else
-    rustup target list --installed | grep --quiet --line-regexp "$target" || {
-        echo "error: Rust's standard library for Windows is missing: rustup target add $target" >&2
-        exit 1
-    }
+    rustup target add "$target"
     cargo build --release --locked --target "$target"
     cargo build --release --locked
     exe=${CARGO_TARGET_DIR:-target}/$target/release/cartpole-dqn.exe
