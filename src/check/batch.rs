@@ -4,8 +4,8 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 
 use super::file::Update;
-use super::fit::short;
 use super::mistakes::{Mistake, finding};
+use super::rounding::short;
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{CartPole, Outcome};
 
@@ -342,7 +342,8 @@ impl<'a> Rows<'a> {
             let batch = &self.update.batch;
             batch.terminated[i] || batch.truncated.as_ref().is_some_and(|truncated| truncated[i])
         };
-        let kinds: [(&str, &dyn Fn(Row) -> bool, &str); 5] = [
+        type Kind<'a> = (&'a str, &'a dyn Fn(Row) -> bool, &'a str);
+        let kinds: [Kind; 5] = [
             ("next_is_current", &|kind| kind == Row::Same, "s′ equals s"),
             ("observations_exchanged_in_batch", &|kind| kind == Row::Reversed, "a step leads from s′ to s"),
             ("next_is_reset", &|kind| kind == Row::Reset, "s′ is a start, to which no step leads from s"),

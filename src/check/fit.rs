@@ -3,7 +3,7 @@
 
 use super::mistakes::Stage;
 use super::reference::{Decay, Discount, Fitted, Optimizer, Penalty, Predicted, Variant};
-use super::rounding::{Number, agrees, square};
+use super::rounding::{Number, agrees, rounded, short, square};
 use super::verdict::{Hypothesis, Search};
 
 impl Search<'_> {
@@ -62,8 +62,7 @@ impl Search<'_> {
         if base.variant.predicted != Predicted::Taken || base.variant.square.is_some() {
             return;
         }
-        let forms: [(fn(f64) -> Penalty, bool); 2] = [(Penalty::Huber, true), (Penalty::SmoothL1, false)];
-        for (form, grows) in forms {
+        for (form, grows) in [(Penalty::Huber as fn(f64) -> Penalty, true), (Penalty::SmoothL1, false)] {
             let of = |log: f64| {
                 let variant = Variant { loss: form(log.exp()), ..base.variant };
                 self.targets_and_loss(&base.computing(variant)).1.value.value
@@ -259,19 +258,8 @@ impl Search<'_> {
     }
 }
 
-/// With so many digits behind the first.
-fn rounded(x: f64, digits: usize) -> f64 {
-    format!("{x:.digits$e}").parse().unwrap_or(x)
-}
-
 /// The roundest number within a share of x.
 fn snapped(x: f64, tolerance: f64) -> f64 {
     let candidates = (0..6).map(|digits| rounded(x, digits));
     candidates.into_iter().find(|round| (round - x).abs() <= tolerance * x.abs()).unwrap_or(x)
-}
-
-/// With six digits at most.
-pub(super) fn short(x: f64) -> String {
-    let text = rounded(x, 5).to_string();
-    if text.len() > 12 { format!("{x:.5e}") } else { text }
 }

@@ -4,7 +4,8 @@
 //! | --- | --- |
 //! | `file.rs` | an [`Update`] from a `.safetensors` file |
 //! | `batch.rs` | its rows against the physics of their task |
-//! | `rounding.rs`, `activation.rs` | a network's passes in f64, and how far rounding may move each number |
+//! | `rounding.rs` | how far rounding may move a number |
+//! | `pass.rs`, `activation.rs` | a network's passes in f64 |
 //! | `reference.rs` | Q-values, targets, loss, gradients and weights, the right way or with a mistake |
 //! | `mistakes.rs` | everything that can be named |
 //! | `fit.rs` | numbers that the settings say otherwise, and what differing numbers have in common |
@@ -15,6 +16,7 @@ mod batch;
 mod file;
 mod fit;
 mod mistakes;
+mod pass;
 mod reference;
 mod rounding;
 mod verdict;

@@ -6,7 +6,8 @@ use std::sync::OnceLock;
 
 use super::activation::Activations;
 use super::file::{Batch, EpsilonPlace, OptimizerName, Update};
-use super::rounding::{Matrix, Number, Pass, backward, forward, square};
+use super::pass::{Pass, backward, forward};
+use super::rounding::{Matrix, Number, square};
 use crate::agent::argmax;
 use crate::nn::{Loss, Mlp};
 

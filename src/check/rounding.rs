@@ -1,4 +1,4 @@
-//! A network's passes in f64 together with how far another program's rounding may move each number.
+//! Numbers in f64 together with how far another program's rounding may move each of them.
 //!
 //! Rounding errors are taken as independent with mean 0: their variances add up, weighted by the square of what multiplies
 //! them. A sum of n products in any order has the variance n u² (Σ (wᵢ xᵢ)² + (Σ wᵢ xᵢ)²), where u is the unit of rounding.
@@ -6,10 +6,7 @@
 
 use std::ops::AddAssign;
 
-use nalgebra::{DMatrix, DMatrixView};
-
-use super::activation::Activations;
-use crate::nn::Mlp;
+use nalgebra::DMatrix;
 
 /// Standard deviations that count as equal.
 pub(super) const SAFETY: f64 = 16.0;
@@ -68,7 +65,7 @@ impl Matrix {
     }
 
     /// The variance of each number, and what a sum with it adds for rounding: `growth` times its square.
-    fn spread(&self, growth: f64) -> DMatrix<f64> {
+    pub(super) fn spread(&self, growth: f64) -> DMatrix<f64> {
         self.variance.zip_map(&self.value, |variance, value| variance + growth * square(value))
     }
 
@@ -78,123 +75,21 @@ impl Matrix {
     }
 }
 
-/// A forward pass: what each layer got, and what it gave before its activation.
-pub(super) struct Pass {
-    inputs: Vec<Matrix>,
-    outputs: Vec<Matrix>,
-    q: Matrix,
-    activations: Activations,
-}
-
-impl Pass {
-    /// Q(s, ·).
-    pub(crate) fn q(&self) -> &Matrix {
-        &self.q
-    }
-}
-
-/// y = W x + b for every layer, with an activation between them and one behind the last.
-pub(super) fn forward(
-    network: &Mlp<f64>,
-    observations: &DMatrix<f64>,
-    activations: Activations,
-    unit: f64,
-) -> Pass {
-    let batch = observations.nrows();
-    let nothing = || Matrix::zeros(0, 0);
-    let mut pass = Pass { inputs: Vec::new(), outputs: Vec::new(), q: nothing(), activations };
-    let mut x = Matrix { value: observations.clone(), variance: DMatrix::zeros(batch, observations.ncols()) };
-    for index in 0..network.num_layers() {
-        let (inputs, outputs) = (network.sizes()[index], network.sizes()[index + 1]);
-        let growth = square(unit) * (inputs + 1) as f64;
-        let layer = network.layer(index);
-        let mut squares: Vec<f64> = layer.iter().copied().map(square).collect();
-        squares[inputs * outputs..].iter_mut().for_each(|bias| *bias *= growth);
-        let x_squares = x.spread(growth);
-        let mut y = Matrix::zeros(batch, outputs);
-        affine(&x.value, layer, &mut y.value);
-        affine(&x_squares, &squares, &mut y.variance);
-        y.variance = y.spread(growth);
-        let is_last = index + 1 == network.num_layers();
-        let activation = if is_last { activations.output } else { activations.hidden };
-        pass.inputs.push(std::mem::replace(&mut x, activation.of_all(&y, unit)));
-        pass.outputs.push(y);
-    }
-    Pass { q: x, ..pass }
-}
-
-/// Adds to `gradient`, in the order of [`Mlp::parameters`], the gradient by the parameters of the layers from `first`
-/// on; `dy` is the gradient by the network's output.
-pub(super) fn backward(
-    network: &Mlp<f64>,
-    pass: &Pass,
-    mut dy: Matrix,
-    unit: f64,
-    first: usize,
-    gradient: &mut [Number],
-) {
-    let batch = dy.value.nrows();
-    let growth = square(unit) * batch as f64;
-    let mut end = gradient.len();
-    let last = network.num_layers() - 1;
-    pass.activations.output.backward(&mut dy, &pass.outputs[last], &pass.q, unit);
-    for index in (first..network.num_layers()).rev() {
-        let (layer, x) = (network.layer(index), &pass.inputs[index]);
-        let weights = layer.len() - dy.value.ncols();
-        let value = layer_gradient(&dy.value, &x.value);
-        let mut rounded = layer_gradient(&dy.value.map(square), &x.spread(growth));
-        let carried = layer_gradient(&dy.variance, &x.value.map(square));
-        rounded[weights..].iter_mut().for_each(|bias| *bias *= growth);
-        for (position, number) in gradient[end - layer.len()..end].iter_mut().enumerate() {
-            number.value += value[position];
-            number.variance += rounded[position] + carried[position] + growth * square(value[position]);
-        }
-        end -= layer.len();
-        if index > first {
-            dy = by_input(layer, &dy, unit);
-            let hidden = pass.activations.hidden;
-            hidden.backward(&mut dy, &pass.outputs[index - 1], &pass.inputs[index], unit);
-        }
-    }
-}
-
-/// The gradient by what a layer got.
-fn by_input(layer: &[f64], dy: &Matrix, unit: f64) -> Matrix {
-    let growth = square(unit) * dy.value.ncols() as f64;
-    let squares: Vec<f64> = layer.iter().copied().map(square).collect();
-    let mut dx = Matrix {
-        value: &dy.value * weights(layer, dy.value.ncols()),
-        variance: &dy.spread(growth) * weights(&squares, dy.value.ncols()),
-    };
-    dx.variance = dx.spread(growth);
-    dx
-}
-
-/// A layer's weights, (out, in).
-fn weights(layer: &[f64], outputs: usize) -> DMatrixView<'_, f64> {
-    let inputs = layer.len() / outputs - 1;
-    DMatrixView::from_slice(&layer[..inputs * outputs], outputs, inputs)
-}
-
-/// y = W x + b
-fn affine(x: &DMatrix<f64>, layer: &[f64], y: &mut DMatrix<f64>) {
-    let outputs = y.ncols();
-    let bias = &layer[layer.len() - outputs..];
-    y.gemm(1.0, x, &weights(layer, outputs).transpose(), 0.0);
-    y.column_iter_mut().zip(bias).for_each(|(mut column, &bias)| column.add_scalar_mut(bias));
-}
-
-/// dW = dy xᵀ, then db = Σ_batch dy.
-fn layer_gradient(dy: &DMatrix<f64>, x: &DMatrix<f64>) -> Vec<f64> {
-    let product = dy.transpose() * x;
-    let bias = dy.column_iter().map(|column| column.sum());
-    product.iter().copied().chain(bias).collect()
-}
-
 pub(super) fn square(x: f64) -> f64 {
     x * x
 }
 
 pub(super) fn agrees(ours: &Number, theirs: f64) -> bool {
     (ours.value - theirs).abs() <= ours.tolerance()
+}
+
+/// With six digits at most.
+pub(super) fn short(x: f64) -> String {
+    let text = rounded(x, 5).to_string();
+    if text.len() > 12 { format!("{x:.5e}") } else { text }
+}
+
+/// With so many digits behind the first.
+pub(super) fn rounded(x: f64, digits: usize) -> f64 {
+    format!("{x:.digits$e}").parse().unwrap_or(x)
 }

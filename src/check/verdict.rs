@@ -8,12 +8,11 @@ use serde::Serialize;
 
 use super::batch;
 use super::file::Update;
-use super::fit::short;
 use super::mistakes::{CATALOGUE, Mistake, Stage, finding};
 use super::reference::{
     Clipping, LossOf, NORM_MARGIN, Predicted, PredictedFrom, Reference, Targets, Variant,
 };
-use super::rounding::{Matrix, Number, SAFETY, agrees};
+use super::rounding::{Matrix, Number, SAFETY, agrees, short};
 
 /// Most explanations that are followed at once.
 const MAX_EXPLANATIONS: usize = 8;

@@ -461,7 +461,7 @@ fn an_update_can_come_from_standard_input_and_a_policy_is_none() {
     let right = std::fs::read(sandbox.path("right.safetensors")).unwrap();
     for place in ["-", "/dev/stdin"] {
         let sent = sandbox.assert(sandbox.command(&["check", place]).write_stdin(right.clone())).success();
-        assert!(String::from_utf8_lossy(&sent.get_output().stdout).contains("file       standard input"));
+        assert!(String::from_utf8_lossy(&sent.get_output().stdout).contains("file        standard input"));
         sandbox.assert(sandbox.command(&["check", place]).write_stdin(&right[..99])).code(2);
     }
     for policy in ["run/checkpoints/best.safetensors", "run/checkpoints/last.safetensors"] {
