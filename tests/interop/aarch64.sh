@@ -29,6 +29,6 @@ for kernels in neon scalar; do
     grep -q "\"weights_sha256\": *\"$expected\"" "$work/$kernels/summary.json" || fail "$kernels: the weights are not $expected"
     printf '%-6s weights %s, %s s of user time under qemu\n' "$kernels" "$expected" "$seconds"
 done
-grep -q '"cpu_path": *"neon"' "$work/neon/meta.json" || fail 'NEON is not chosen'
+grep -q '"cpu_path": *"neon"' "$work/neon/summary.json" || fail 'NEON is not chosen'
 cmp "$work/neon/metrics.jsonl" "$work/scalar/metrics.jsonl"
 echo "$tests tests of the kernels"
