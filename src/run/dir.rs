@@ -279,6 +279,10 @@ impl RunDir {
                 || self.is_events(&path)
                 || is_of_a_report(&name);
             if !is_ordinary(&path) || !(is_own || is_unfinished(&name)) {
+                // What is gone since was of another process, whose lock refuses this one.
+                if path.symlink_metadata().is_err_and(|error| error.kind() == io::ErrorKind::NotFound) {
+                    continue;
+                }
                 return Err(format!(
                     "holds {}, which is a link or does not belong to a run, and --force replaces only runs; choose another --out",
                     shown(&path)

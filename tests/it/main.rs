@@ -32,6 +32,7 @@ mod links;
 mod mirror;
 #[cfg(unix)]
 mod program;
+#[cfg(unix)]
 mod q_table;
 mod replay;
 mod report;
@@ -50,7 +51,6 @@ mod study;
 mod tasks;
 mod training;
 
-#[cfg(unix)]
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
