@@ -80,10 +80,18 @@ pub(super) fn judge(update: &Update) -> Judged {
     let kinds = rows.kinds(&physics);
     let known =
         kinds.iter().filter(|kind| matches!(kind, Row::Step | Row::StepWith(_) | Row::Reversed | Row::Of(_)));
-    if named.is_none() && 2 * known.count() < rows.size() {
+    let known = known.count();
+    if known == 0 || (named.is_none() && 2 * known < rows.size()) {
         rows.judge_start(&physics, &mut judged);
         if judged.mistakes.is_empty() {
             rows.judge_without_physics(&mut judged);
+        }
+        if named.is_some() && judged.mistakes.is_empty() {
+            judged.unseen.push(format!(
+                "whether the rows are steps of {}: none is one as it stands. Scaled observations look so; store them as the \
+                 environment gives them",
+                id.spec().id
+            ));
         }
         return judged;
     }

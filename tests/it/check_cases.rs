@@ -301,6 +301,15 @@ fn rows(id: EnvironmentId, count: usize) -> Vec<Row> {
 }
 
 fn judged(id: EnvironmentId, rows: &[Row], has_truncated: bool) -> (Vec<&'static str>, Vec<String>) {
+    judged_with(Settings::default(), id, rows, has_truncated)
+}
+
+fn judged_with(
+    settings: Settings,
+    id: EnvironmentId,
+    rows: &[Row],
+    has_truncated: bool,
+) -> (Vec<&'static str>, Vec<String>) {
     let size = rows.len();
     let spec = id.spec();
     let column = |of: &dyn Fn(&Row) -> Vec<f64>| {
@@ -312,7 +321,7 @@ fn judged(id: EnvironmentId, rows: &[Row], has_truncated: bool) -> (Vec<&'static
     online.parameters_mut().fill_with(|| rng.uniform(-0.5, 0.5));
     let fresh = Mlp::zeros(online.sizes().to_vec());
     let mut update = Update {
-        settings: Settings::default(),
+        settings,
         batch: Batch {
             observations: column(&|row| row.0.clone()),
             next_observations: column(&|row| row.3.clone()),
@@ -354,6 +363,8 @@ fn right_rows_raise_no_alarm_whatever_somebody_chose() {
             row.2 *= 0.1;
         }
         assert_eq!(judged(id, &scaled, true).0, NOTHING, "{id:?}");
+        let named = Settings { environment: Some(id), ..Settings::default() };
+        assert_eq!(judged_with(named, id, &scaled, true).0, NOTHING, "{id:?}");
         let mut renumbered = right.clone();
         let actions = id.spec().num_actions;
         renumbered.iter_mut().for_each(|row| row.1 = actions - 1 - row.1);
