@@ -20,12 +20,12 @@ pub enum Activation {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Activations {
+pub struct LayerKinds {
     pub hidden: Activation,
     pub output: Activation,
 }
 
-impl Activations {
+impl LayerKinds {
     pub(super) const RIGHT: Self = Self { hidden: Activation::Relu, output: Activation::Nothing };
     /// How many there are.
     pub(super) const COUNT: usize = 81;

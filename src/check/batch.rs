@@ -15,7 +15,7 @@ const FEW: usize = 8;
 const MAX_SEQUENCES: usize = 64;
 
 #[derive(Debug, Default, Serialize)]
-pub struct Judged {
+pub struct BatchVerdict {
     /// The task whose physics the rows have, or that the settings name.
     pub environment: Option<EnvironmentId>,
     pub mistakes: Vec<Found>,
@@ -49,9 +49,9 @@ enum Row {
     Unknown,
 }
 
-pub(super) fn judge(update: &Update) -> Judged {
+pub(super) fn judge(update: &Update) -> BatchVerdict {
     let rows = Rows::of(update);
-    let mut judged = Judged::default();
+    let mut judged = BatchVerdict::default();
     let sizes = update.online.sizes();
     let has_sizes = |id: &EnvironmentId| {
         let spec = id.spec();
@@ -101,7 +101,7 @@ pub(super) fn judge(update: &Update) -> Judged {
     judged
 }
 
-impl Judged {
+impl BatchVerdict {
     fn found(&mut self, id: &str, evidence: String) {
         self.mistakes.extend(finding(id).map(|mistake| Found { mistake, evidence }));
     }
@@ -178,7 +178,7 @@ impl<'a> Rows<'a> {
     }
 
     /// What is wrong in every task.
-    fn judge_without_physics(&self, judged: &mut Judged) {
+    fn judge_without_physics(&self, judged: &mut BatchVerdict) {
         let size = self.size();
         let mut starts: Vec<&Vec<f64>> = self.s.iter().collect();
         let mut nexts: Vec<&Vec<f64>> = self.next.iter().collect();
@@ -201,7 +201,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Rows that all begin in a start, while they end elsewhere.
-    fn judge_start(&self, physics: &Physics, judged: &mut Judged) {
+    fn judge_start(&self, physics: &Physics, judged: &mut BatchVerdict) {
         let count = |rows: &[Vec<f64>]| rows.iter().filter(|row| physics.id.can_start_with(row)).count();
         let (size, started, back) = (self.size(), count(&self.s), count(&self.next));
         if size >= FEW && started == size && 2 * back < size && self.s != self.next {
@@ -215,7 +215,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Observations on a grid of powers of ten, between which the task's steps lie.
-    fn judge_rounding(&self, physics: &Physics, is_named: bool, judged: &mut Judged) -> bool {
+    fn judge_rounding(&self, physics: &Physics, is_named: bool, judged: &mut BatchVerdict) -> bool {
         let all = || self.s.iter().chain(&self.next).flatten();
         let on_grid = |grid: f64| all().all(|x| (x / grid - (x / grid).round()).abs() < 1e-4);
         let Some(grid) = [1.0, 0.1, 0.01, 0.001].into_iter().find(|&grid| on_grid(grid)) else {
@@ -314,7 +314,7 @@ impl<'a> Rows<'a> {
         from.iter().flat_map(stepped).collect()
     }
 
-    fn judge_kinds(&self, physics: &Physics, kinds: &[Row], judged: &mut Judged) {
+    fn judge_kinds(&self, physics: &Physics, kinds: &[Row], judged: &mut BatchVerdict) {
         let (size, name) = (self.size(), physics.id.spec().id);
         let actions = &self.update.batch.actions;
         let which = |is: &dyn Fn(Row) -> bool| (0..size).filter(|&i| is(kinds[i])).collect::<Vec<_>>();
@@ -379,7 +379,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Rewards and ends of the rows that are single steps.
-    fn judge_ends(&self, physics: &Physics, kinds: &[Row], is_named: bool, judged: &mut Judged) {
+    fn judge_ends(&self, physics: &Physics, kinds: &[Row], is_named: bool, judged: &mut BatchVerdict) {
         let batch = &self.update.batch;
         let name = physics.id.spec().id;
         let stored_with = |i: usize| match kinds[i] {
@@ -491,7 +491,7 @@ impl<'a> Rows<'a> {
         })
     }
 
-    fn judge_rewards(&self, physics: &Physics, steps: &[(usize, Outcome)], judged: &mut Judged) {
+    fn judge_rewards(&self, physics: &Physics, steps: &[(usize, Outcome)], judged: &mut BatchVerdict) {
         let rewards = &self.update.batch.rewards;
         let name = physics.id.spec().id;
         let differing: Vec<_> =

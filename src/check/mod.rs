@@ -21,7 +21,7 @@ mod reference;
 mod rounding;
 mod verdict;
 
-pub(crate) use batch::{Found, Judged as BatchJudged};
+pub(crate) use batch::{BatchVerdict, Found};
 pub use file::{Batch, Moments, OptimizerName, Results, Settings, Update};
 pub(crate) use file::{EpsilonPlace, START};
 pub use mistakes::{CATALOGUE, FINDINGS, Stage};

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DMatrixView};
 
-use super::activation::Activations;
+use super::activation::LayerKinds;
 use super::rounding::{Matrix, Number, square};
 use crate::nn::Mlp;
 
@@ -11,7 +11,7 @@ pub(super) struct Pass {
     inputs: Vec<Matrix>,
     outputs: Vec<Matrix>,
     q: Matrix,
-    activations: Activations,
+    activations: LayerKinds,
 }
 
 impl Pass {
@@ -25,7 +25,7 @@ impl Pass {
 pub(super) fn forward(
     network: &Mlp<f64>,
     observations: &DMatrix<f64>,
-    activations: Activations,
+    activations: LayerKinds,
     unit: f64,
 ) -> Pass {
     let batch = observations.nrows();

@@ -4,7 +4,7 @@
 
 use std::sync::OnceLock;
 
-use super::activation::Activations;
+use super::activation::LayerKinds;
 use super::file::{Batch, EpsilonPlace, OptimizerName, Update};
 use super::pass::{Pass, backward, forward};
 use super::rounding::{Matrix, Number, square};
@@ -14,7 +14,7 @@ use crate::nn::{Loss, Mlp};
 /// How an update is computed: the right way ([`Variant::right`]), or with some of the catalogue's mistakes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variant {
-    pub activations: Activations,
+    pub activations: LayerKinds,
     /// Of which network, and of what, `result.q` is.
     pub queried: Queried,
 
@@ -268,7 +268,7 @@ impl Variant {
         let decay = settings.weight_decay();
         let Update { batch, before, target, online, adam, .. } = update;
         Self {
-            activations: Activations::RIGHT,
+            activations: LayerKinds::RIGHT,
             queried: Queried::Online,
             reward: Reward::Whole,
             discount: Discount::Own,
@@ -354,7 +354,7 @@ impl Variant {
 /// An update with the passes that all variants share.
 pub struct Reference<'a> {
     update: &'a Update,
-    passes: [OnceLock<Passes>; Activations::COUNT],
+    passes: [OnceLock<Passes>; LayerKinds::COUNT],
 }
 
 struct Passes {
@@ -396,7 +396,7 @@ pub struct LossOf {
 
 impl<'a> Reference<'a> {
     pub fn new(update: &'a Update) -> Self {
-        Self { update, passes: [const { OnceLock::new() }; Activations::COUNT] }
+        Self { update, passes: [const { OnceLock::new() }; LayerKinds::COUNT] }
     }
 
     fn passes(&self, variant: &Variant) -> &Passes {

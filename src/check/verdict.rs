@@ -28,7 +28,7 @@ const MAX_PARALLEL: usize = 1 << 22;
 pub struct Verdict {
     pub equal: bool,
     /// What the batch shows by itself.
-    pub batch: batch::Judged,
+    pub batch: batch::BatchVerdict,
     /// The quantities, in the order in which they are computed.
     pub quantities: Vec<Judged>,
     /// The mistakes that reproduce the numbers together. Where several sets of mistakes do, each is one of these.

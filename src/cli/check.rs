@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::{
-    BatchJudged, EpsilonPlace, Explained, Found, Judged, OptimizerName, QuantityState, Settings, Stage,
+    BatchVerdict, EpsilonPlace, Explained, Found, Judged, OptimizerName, QuantityState, Settings, Stage,
     Update, Verdict, check_with,
 };
 use crate::nn::Loss;
@@ -146,8 +146,8 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
     text
 }
 
-fn describe_batch(text: &mut String, batch: &BatchJudged) {
-    let BatchJudged { mistakes, facts, unseen, .. } = batch;
+fn describe_batch(text: &mut String, batch: &BatchVerdict) {
+    let BatchVerdict { mistakes, facts, unseen, .. } = batch;
     let state = match (mistakes.is_empty(), &facts[..]) {
         (false, facts) => ["WRONG".into()].iter().chain(facts).cloned().collect::<Vec<_>>().join("; "),
         (true, []) => "of a task whose physics this program does not know".into(),
