@@ -451,7 +451,7 @@ impl<'a> Rows<'a> {
                 early.len()
             );
             let at_limit = early.iter().filter(|&&i| truncated(i)).count();
-            if at_limit > 0 || is_named || !self.has_threshold(&early) {
+            if at_limit > 0 || !self.has_threshold(&early) {
                 judged.found(
                     "time_limit_stored_as_terminated",
                     format!("{evidence}; {at_limit} of them have `truncated` 1"),
@@ -459,7 +459,7 @@ impl<'a> Rows<'a> {
             } else {
                 judged.unseen.push(format!(
                     "{evidence}: a time limit stored as an end, or an end of your own (they are the farthest in one \
-                     coordinate). \"environment\": \"{name}\" in the settings says that it is the former"
+                     coordinate). `batch.truncated` would show which"
                 ));
             }
         }

@@ -154,23 +154,20 @@ kill_and_resume() {
     linux "${long[@]}" --set budget.steps=8000 --out killed
     same_run killed
 }
+refused() {
+    local status=0
+    windows "$@" 2> refusal || status=$?
+    cat refusal
+    [ $status = 2 ]
+    grep 'in use by another process' refusal
+}
 running() {
     start running 1000000
     trap stop EXIT
     cd "$work/windows"
-    local status=0
-    windows train --config "$repository/configs/smoke.json" --quiet --force --out running 2> refusal || status=$?
-    cat refusal
-    [ $status = 2 ]
-    grep 'in use by another process' refusal
-    status=0
-    windows train --resume running --quiet 2> refusal || status=$?
-    [ $status = 2 ]
-    grep 'in use by another process' refusal
-    status=0
-    windows verify running 2> refusal || status=$?
-    [ $status = 2 ]
-    grep 'in use by another process' refusal
+    refused train --config "$repository/configs/smoke.json" --quiet --force --out running
+    refused train --resume running --quiet
+    refused verify running
     windows report running
     windows report running --html running.html
     windows runs . | grep running

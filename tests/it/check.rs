@@ -17,6 +17,22 @@ use serde_json::Value;
 use crate::cli::{Sandbox, TINY, sets};
 use crate::{golden, members, numbers};
 
+/// Rows of random numbers, a fifth of which end an episode.
+pub fn random_batch(rng: &mut Rng, [size, inputs]: [usize; 2], gamma: f64) -> Batch {
+    let mut observations = || DMatrix::from_fn(size, inputs, |_, _| rng.uniform(-2.0, 2.0));
+    let (observations, next_observations) = (observations(), observations());
+    Batch {
+        observations,
+        next_observations,
+        actions: (0..size).map(|sample| sample % 3).collect(),
+        rewards: (0..size).map(|_| rng.uniform(-2.0, 3.0)).collect(),
+        terminated: (0..size).map(|sample| sample % 5 == 0).collect(),
+        truncated: None,
+        discounts: vec![gamma; size],
+        weights: None,
+    }
+}
+
 /// An update without results, in which every mistake of the catalogue can show.
 fn update(settings: Settings, steps: u64, has_target: bool) -> Update {
     let mut rng = Rng::from_seed(5);
@@ -32,18 +48,8 @@ fn update(settings: Settings, steps: u64, has_target: bool) -> Update {
         _ => [network(-0.02, 0.02), network(0.0, 1e-3)],
     };
     let [first, second] = moments;
-    let observations = DMatrix::from_fn(size, 4, |_, _| rng.uniform(-2.0, 2.0));
-    let next_observations = DMatrix::from_fn(size, 4, |_, _| rng.uniform(-2.0, 2.0));
-    let batch = Batch {
-        observations,
-        next_observations,
-        actions: (0..size).map(|sample| sample % 3).collect(),
-        rewards: (0..size).map(|_| rng.uniform(-2.0, 3.0)).collect(),
-        terminated: (0..size).map(|sample| sample % 5 == 0).collect(),
-        truncated: Some((0..size).map(|sample| sample % 7 == 1).collect()),
-        discounts: vec![settings.gamma; size],
-        weights: None,
-    };
+    let mut batch = random_batch(&mut rng, [size, 4], settings.gamma);
+    batch.truncated = Some((0..size).map(|sample| sample % 7 == 1).collect());
     Update {
         before: None,
         settings,

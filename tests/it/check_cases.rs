@@ -14,6 +14,8 @@ use nalgebra::DMatrix;
 use safetensors::SafeTensors;
 use serde_json::Value;
 
+use crate::check::random_batch;
+
 /// Everything that is named: explanations of the numbers, and what the batch shows.
 fn named(verdict: &Verdict) -> Vec<&'static str> {
     let explained = verdict.explanations.iter().flatten().map(|explained| explained.mistake.id);
@@ -169,18 +171,8 @@ fn before_the_step(settings: Settings, rounding_unit: f64) -> Update {
     let (online, target) = (network(-0.6, 0.6), network(-0.6, 0.6));
     let largest = Some(network(0.0, 2e-3));
     let adam = Moments { steps: 30, first: network(-0.02, 0.02), second: network(0.0, 1e-3), largest };
-    let mut observations = || DMatrix::from_fn(size, 5, |_, _| rng.uniform(-2.0, 2.0));
-    let (observations, next_observations) = (observations(), observations());
-    let batch = Batch {
-        observations,
-        next_observations,
-        actions: (0..size).map(|sample| sample % 3).collect(),
-        rewards: (0..size).map(|_| rng.uniform(-2.0, 3.0)).collect(),
-        terminated: (0..size).map(|sample| sample % 5 == 0).collect(),
-        truncated: None,
-        discounts: vec![settings.gamma; size],
-        weights: Some((0..size).map(|_| rng.uniform(0.1, 1.0)).collect()),
-    };
+    let mut batch = random_batch(&mut rng, [size, 5], settings.gamma);
+    batch.weights = Some((0..size).map(|_| rng.uniform(0.1, 1.0)).collect());
     let results = Results::default();
     Update { settings, online, target: Some(target), batch, adam, before: None, results, rounding_unit }
 }
@@ -365,6 +357,16 @@ fn right_rows_raise_no_alarm_whatever_somebody_chose() {
         assert_eq!(judged(id, &scaled, true).0, NOTHING, "{id:?}");
         let named = Settings { environment: Some(id), ..Settings::default() };
         assert_eq!(judged_with(named, id, &scaled, true).0, NOTHING, "{id:?}");
+        // An end of somebody's own, which all rows behind a threshold have.
+        let mut ended = right.clone();
+        let mut positions: Vec<f64> = right.iter().map(|row| row.3[0]).collect();
+        positions.sort_by(f64::total_cmp);
+        let threshold = positions[360];
+        ended.iter_mut().for_each(|row| (row.4, row.5) = (row.4 || row.3[0] > threshold, false));
+        assert!(ended.iter().zip(&right).any(|(ended, right)| ended.4 != right.4), "{id:?}");
+        for settings in [Settings::default(), Settings { environment: Some(id), ..Settings::default() }] {
+            assert_eq!(judged_with(settings, id, &ended, true).0, NOTHING, "{id:?}");
+        }
         let mut renumbered = right.clone();
         let actions = id.spec().num_actions;
         renumbered.iter_mut().for_each(|row| row.1 = actions - 1 - row.1);
