@@ -10,7 +10,7 @@ terminal() { tmux -u -L "$(basename "$tmp")" -f /dev/null "$@"; }
 trap 'terminal kill-server; rm -rf "$tmp"' EXIT
 terminal new-session -d -s live -x 80 -y 24 "bash --norc"
 
-train() { # FOLDER OPTION: one run, until the terminal shows what its end looks like
+train() { # DIR OPTION: one run, until the terminal shows what its end looks like
     local shown="exit=0"
     [ "$2" = --quiet ] || shown='steps/s │ finished'
     terminal send-keys -t live \

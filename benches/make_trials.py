@@ -15,15 +15,15 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 BATCH = 1000  # trials that are made at once
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-parser.add_argument("folder", type=pathlib.Path)
+parser.add_argument("directory", type=pathlib.Path)
 parser.add_argument("trials", type=int)
 parser.add_argument("--binary", type=pathlib.Path, default=ROOT / "target/release/cartpole-dqn")
 parser.add_argument("--files", type=int, default=64)
 arguments = parser.parse_args()
 
 subprocess.run([arguments.binary.resolve(), "study", "--plan", "--quiet", "--seeds", f"0..{arguments.trials}",
-                "--out", arguments.folder], check=True)
-named = json.loads((arguments.folder / "study.json").read_text())["configs"][0]
+                "--out", arguments.directory], check=True)
+named = json.loads((arguments.directory / "study.json").read_text())["configs"][0]
 config, budget = named["config"], named["config"]["budget"]["steps"]
 steps = range(config["evaluation"]["every_steps"], budget + 1, config["evaluation"]["every_steps"])
 randomness = random.Random(0)
@@ -53,7 +53,7 @@ def text(value):
     return json.dumps(value, separators=(",", ":"))
 
 
-trials = arguments.folder / "trials"
+trials = arguments.directory / "trials"
 trials.mkdir()
 bests = [text(score(value)) for value in scores]
 files = [open(trials / f"made-{i}.jsonl", "w") for i in range(min(arguments.files, arguments.trials))]

@@ -116,8 +116,8 @@ impl Directory {
     }
 
     /// Removes what killed processes have left half-written in a directory. What a process still writes there stays.
-    pub(crate) fn remove_unfinished(&self, folder: &Path) -> io::Result<()> {
-        for entry in fs::read_dir(folder)? {
+    pub(crate) fn remove_unfinished(&self, directory: &Path) -> io::Result<()> {
+        for entry in fs::read_dir(directory)? {
             let entry = entry?;
             if is_unfinished(&entry.file_name()) {
                 self.remove_abandoned(&entry.path())?;
@@ -203,10 +203,11 @@ pub(crate) fn random_name() -> String {
 /// The error of a temporary file, which nobody knows, with its directory instead.
 fn without_name(error: io::Error, path: &Path) -> io::Error {
     use io::ErrorKind as Kind;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let directory =
+        path.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match error.kind() {
         kind @ (Kind::PermissionDenied | Kind::ReadOnlyFilesystem | Kind::NotFound) => {
-            io::Error::new(kind, format!("no file can be made in {}: {kind}", folder.display()))
+            io::Error::new(kind, format!("no file can be made in {}: {kind}", directory.display()))
         }
         _ => error,
     }
@@ -259,14 +260,14 @@ pub(crate) fn is_unfinished(name: &OsStr) -> bool {
 }
 
 /// Makes a directory and those above it; returns those that it made, the innermost first. On an error it removes them again.
-pub(crate) fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
+pub(crate) fn create_directories(path: &Path) -> io::Result<Vec<PathBuf>> {
     let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
     let mut missing: Vec<PathBuf> = path.ancestors().take_while(is_missing).map(Path::to_owned).collect();
     let mut made = Vec::new();
-    while let Some(folder) = missing.pop() {
-        match fs::create_dir(&folder) {
-            Ok(()) => made.insert(0, folder),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists && folder.is_dir() => {}
+    while let Some(directory) = missing.pop() {
+        match fs::create_dir(&directory) {
+            Ok(()) => made.insert(0, directory),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists && directory.is_dir() => {}
             Err(error) => {
                 remove_empty(&made);
                 return Err(error);
@@ -277,8 +278,8 @@ pub(crate) fn create_folders(path: &Path) -> io::Result<Vec<PathBuf>> {
 }
 
 /// Removes those directories that are empty, the innermost first.
-pub(crate) fn remove_empty(folders: &[PathBuf]) {
-    folders.iter().for_each(|folder| drop(fs::remove_dir(folder)));
+pub(crate) fn remove_empty(directories: &[PathBuf]) {
+    directories.iter().for_each(|directory| drop(fs::remove_dir(directory)));
 }
 
 /// A directory of the system for temporary files, which goes with the result.

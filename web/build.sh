@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the page: `web/build.sh DIR` writes DIR/index.html, one file that a browser shows from anywhere, without a network.
-# With MODULES=FOLDER it also writes the WebAssembly modules, for tests, and one for engines without vectors.
+# With MODULES=PLACE it also writes the WebAssembly modules, for tests, and one for engines without vectors.
 set -euo pipefail
 [ $# -eq 1 ] || { echo "usage: web/build.sh DIR" >&2; exit 2; }
 out=$(realpath -m "$1")

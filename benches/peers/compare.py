@@ -58,7 +58,7 @@ def our_micro(program, name):
 
 
 class Peer:
-    """A module of this folder in a process of its own: the libraries' copies of LLVM do not bear each other."""
+    """A module of this directory in a process of its own: the libraries' copies of LLVM do not bear each other."""
 
     def __init__(self, module):
         command = [sys.executable, HERE / "serve.py", module]
@@ -121,11 +121,11 @@ def child(*command):
     return out, time.perf_counter() - start, usage.ru_maxrss / 1024
 
 
-def our_training(binary, config, *sets, folder=None):
+def our_training(binary, config, *sets, directory=None):
     """Summary, seconds of the whole process and peak memory in MB of a run."""
-    with tempfile.TemporaryDirectory(dir=folder) as folder:
+    with tempfile.TemporaryDirectory(dir=directory) as directory:
         arguments = [argument for key in sets for argument in ("--set", key)]
-        run = ("train", "--config", config, "--out", f"{folder}/run", "--quiet", "--json")
+        run = ("train", "--config", config, "--out", f"{directory}/run", "--quiet", "--json")
         out, seconds, memory = child(binary, *run, *arguments)
         return json.loads(out), seconds, memory
 
@@ -169,7 +169,7 @@ def startup():
     """A whole run of one step, which writes and syncs five files, in memory and on disk, against an import."""
     binary = build_binary()
     sets = ("replay.warmup_steps=0", "replay.batch_size=1", "learn.every_steps=1", "budget.steps=1")
-    run = lambda folder: our_training(binary, HERE / "cleanrl.json", *sets, folder=folder)[1] * 1e6
+    run = lambda directory: our_training(binary, HERE / "cleanrl.json", *sets, directory=directory)[1] * 1e6
     importing = lambda: child(sys.executable, "-c", "import torch")[1] * 1e6
     compare("a run of one step", lambda: run("/dev/shm"), {"on disk": lambda: run(None), "PyTorch": importing})
 

@@ -26,8 +26,8 @@ for seed in range(int(sys.argv[1]), int(sys.argv[2])):
     )
     model.learn(50_000)
     seconds = time.process_time() - start
-    with tempfile.TemporaryDirectory() as folder:
-        policy = f"{folder}/policy.safetensors"
+    with tempfile.TemporaryDirectory() as directory:
+        policy = f"{directory}/policy.safetensors"
         save_file(model.q_net.q_net.state_dict(), policy)
         result = subprocess.run([PROGRAM, "eval", policy, "--json"], capture_output=True, check=True)
     print(f"seed {seed}: {seconds:.1f} CPU s, final mean {json.loads(result.stdout)['mean']}", flush=True)

@@ -5,7 +5,7 @@
 set -euo pipefail
 base=$(dirname "$0")/base.json
 program=${CARTPOLE_DQN:-target/release/cartpole-dqn}
-out=${1:?a folder for the studies}
+out=${1:?a directory for the studies}
 shift
 
 study() { # NAME VARY…

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::output::Output;
 use super::ui::{Failure, cannot_write, note, on_one_line, print, print_json};
-use crate::files::{Directory, create_folders};
+use crate::files::{Directory, create_directories};
 use crate::report::{self, Report, ReportError};
 use crate::run::names::REPORT;
 use crate::text::{shown, wrapped};
@@ -65,7 +65,7 @@ pub(super) fn run(arguments: &ReportArguments) -> Result<(), Failure> {
         print(&report.text)?
     }
     let hint = "; choose another --out";
-    let directory = create_folders(out).and_then(|_| Directory::open(out));
+    let directory = create_directories(out).and_then(|_| Directory::open(out));
     let directory = directory.map_err(|error| cannot_write(out, &error, hint))?;
     let json = out.join(REPORT);
     directory.write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, hint))?;

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::output::Output;
 use super::ui::{Failure, cannot_write, print};
-use crate::files::create_folders;
+use crate::files::create_directories;
 use crate::text::shown;
 
 /// Write the page that trains in a browser: one HTML file for a web server, or to be opened as it is.
@@ -29,7 +29,7 @@ pub(super) fn run(arguments: &WebArguments) -> Result<(), Failure> {
     let is_own = |start: &[u8]| start.windows(TITLE.len()).any(|window| window == TITLE);
     let output = Output { option: "--out", path, what: "this page", is_own };
     output.check()?;
-    create_folders(&arguments.out)
+    create_directories(&arguments.out)
         .map_err(|error| cannot_write(&arguments.out, &error, "; choose another --out"))?;
     output.write(|file| file.write_all(PAGE))?;
     print(&format!("written: {}\n", shown(path)))

@@ -25,14 +25,14 @@ impl Directory {
 
     /// The directory that holds `path`, which is somewhere below this one.
     fn parent_of(&self, path: &Path) -> io::Result<Self> {
-        let folders = path.strip_prefix(&self.path).ok().and_then(Path::parent);
-        let folders = folders.ok_or_else(|| {
+        let directories = path.strip_prefix(&self.path).ok().and_then(Path::parent);
+        let directories = directories.ok_or_else(|| {
             let message = format!("{} is not in {}", path.display(), self.path.display());
             io::Error::new(io::ErrorKind::InvalidInput, message)
         })?;
         let mut parent = self.clone();
-        for folder in folders {
-            let path = parent.path.join(folder);
+        for directory in directories {
+            let path = parent.path.join(directory);
             let opened = system::open_inner(&parent.handle, &path);
             parent = Self { handle: opened.map_err(|error| parent.explained(&path, error))?, path };
         }

@@ -13,7 +13,9 @@ use super::names::{
 };
 use super::{Checkpoint, RunError, bad, unwritable};
 use crate::config::{Config, MAX_BYTES};
-use crate::files::{Directory, create_folders, is_unfinished, open_shared, read_text_limited, remove_empty};
+use crate::files::{
+    Directory, create_directories, is_unfinished, open_shared, read_text_limited, remove_empty,
+};
 use crate::sink::{JsonLines, TENSORBOARD_PREFIX};
 use crate::text::shown;
 use crate::trainer::{Evaluation, Summary};
@@ -63,7 +65,7 @@ impl RunDir {
             io::ErrorKind::WouldBlock => in_use(path),
             _ => unwritable(path, error, "; choose another --out"),
         };
-        let made = create_folders(path).map_err(failed)?;
+        let made = create_directories(path).map_err(failed)?;
         let (mut metrics, is_new) = run.lock().map_err(|error| {
             remove_empty(&made);
             failed(error)

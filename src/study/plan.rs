@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use super::StudyError;
 use crate::config::{Config, difference};
 use crate::env::{EnvironmentError, Spec};
-use crate::files::{Directory, create_folders, is_unfinished, read_text_limited, remove_empty};
+use crate::files::{Directory, create_directories, is_unfinished, read_text_limited, remove_empty};
 use crate::run::names::MANIFEST;
 use crate::text::excerpt;
 
@@ -148,7 +148,7 @@ impl Study {
         let unwritable = |source: io::Error| StudyError::Unwritable(path.into(), source);
         let manifest = path.join(MANIFEST);
         if is_free(path).map_err(bad)? {
-            let made = create_folders(path).map_err(unwritable)?;
+            let made = create_directories(path).map_err(unwritable)?;
             let written = Directory::open(path).and_then(|dir| dir.write_json_new(&manifest, self));
             // Another process may have been faster; whether it runs the same study is seen below.
             if let Err(error) = written

@@ -1,7 +1,7 @@
 // The WebAssembly modules in Node: their kernels against the reference, and their runs against the program's.
 //
-//   MODULES=FOLDER web/build.sh DIR
-//   node tests/browser/modules.cjs --binary BINARY --modules FOLDER
+//   MODULES=PLACE web/build.sh DIR
+//   node tests/browser/modules.cjs --binary BINARY --modules PLACE
 'use strict';
 const assert = require('node:assert/strict');
 const { execFileSync } = require('node:child_process');

@@ -1,7 +1,7 @@
 // Looks at the pages of `report --html` in a real Chromium.
 //
-//   npm install --prefix FOLDER playwright-core@1.65.1
-//   NODE_PATH=FOLDER/node_modules node tests/browser/report.cjs --binary BINARY [--require] [--screenshots FOLDER]
+//   npm install --prefix DIR playwright-core@1.65.1
+//   NODE_PATH=DIR/node_modules node tests/browser/report.cjs --binary BINARY [--require] [--screenshots DIR]
 //
 // Without a Chromium it says so and checks nothing; with --require that is a failure.
 'use strict';

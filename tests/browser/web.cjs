@@ -1,9 +1,9 @@
 // The page that trains, in a real Chromium.
 //
-//   npm install --prefix FOLDER playwright-core@1.65.1
+//   npm install --prefix DIR playwright-core@1.65.1
 //   MODULES=MODULES web/build.sh DIR
-//   NODE_PATH=FOLDER/node_modules node tests/browser/web.cjs --binary BINARY --page DIR/index.html --modules MODULES
-//       [--require] [--screenshots FOLDER]
+//   NODE_PATH=DIR/node_modules node tests/browser/web.cjs --binary BINARY --page DIR/index.html --modules MODULES
+//       [--require] [--screenshots DIR]
 //
 // Without a Chromium it says so and checks nothing; with --require that is a failure.
 'use strict';
@@ -21,20 +21,20 @@ const { values: options } = parseArgs({
     screenshots: { type: 'string' },
   },
 });
-const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'web-'));
+const directory = fs.mkdtempSync(path.join(os.tmpdir(), 'web-'));
 const address = `file://${path.resolve(options.page)}`;
 const problems = [];
 
-const program = (...command) => execFileSync(path.resolve(options.binary), command, { cwd: folder, encoding: 'utf8' });
+const program = (...command) => execFileSync(path.resolve(options.binary), command, { cwd: directory, encoding: 'utf8' });
 
 // Runs a command line as the page shows it, and returns the run's summary.
 function trained(command) {
   assert.match(command, /^cartpole-dqn train /);
-  fs.rmSync(path.join(folder, 'runs'), { recursive: true, force: true });
-  fs.mkdirSync(path.join(folder, 'runs'));
+  fs.rmSync(path.join(directory, 'runs'), { recursive: true, force: true });
+  fs.mkdirSync(path.join(directory, 'runs'));
   const line = command.replace('cartpole-dqn', `'${path.resolve(options.binary)}'`);
-  execFileSync('bash', ['-c', `${line} --quiet`], { cwd: folder });
-  return JSON.parse(fs.readFileSync(path.join(folder, 'runs/page/summary.json')));
+  execFileSync('bash', ['-c', `${line} --quiet`], { cwd: directory });
+  return JSON.parse(fs.readFileSync(path.join(directory, 'runs/page/summary.json')));
 }
 
 const text = (page, id) => page.textContent(`#${id}`);
@@ -103,10 +103,10 @@ async function theDefaultIsSolvedWithTheProgramsBits(browser) {
     + `(${instruction}), the program has ${Math.round(summary.updates / summary.wall_seconds)}`);
   for (const name of ['best', 'last']) {
     const ours = await saved(page, name);
-    const theirs = fs.readFileSync(path.join(folder, `runs/page/checkpoints/${name}.safetensors`));
+    const theirs = fs.readFileSync(path.join(directory, `runs/page/checkpoints/${name}.safetensors`));
     assert(ours.equals(theirs), `${name}.safetensors has other bytes than the program's`);
   }
-  fs.copyFileSync(path.join(folder, 'runs/page/checkpoints/best.safetensors'), path.join(folder, 'best.safetensors'));
+  fs.copyFileSync(path.join(directory, 'runs/page/checkpoints/best.safetensors'), path.join(directory, 'best.safetensors'));
   await screenshot(page, 'desktop-light');
   await pushes(page);
   await page.close();
@@ -132,7 +132,7 @@ async function pushes(page) {
 
 async function aCheckpointIsPlayed(browser) {
   const page = await open(browser);
-  await page.setInputFiles('#file', path.join(folder, 'best.safetensors'));
+  await page.setInputFiles('#file', path.join(directory, 'best.safetensors'));
   await sees(page, 'source', /the policy of best\.safetensors, after [\d,]+ steps/);
   await until(page, 'episode.moment.steps > 100');
   assert(await onScreen(page, 'cart'), 'the pole of the file plays where nobody sees it');
@@ -204,7 +204,7 @@ async function aSeedOf64BitsStaysItself(browser) {
   await until(page, 'run.policy');
   assert.equal(await page.inputValue('#seed'), '9007199254740993');
   await unfold();
-  fs.writeFileSync(path.join(folder, 'config.json'), await saved(page, 'save'));
+  fs.writeFileSync(path.join(directory, 'config.json'), await saved(page, 'save'));
   await page.click('#train');
   await sees(page, 'where', /The run has ended/);
   assert.equal(await text(page, 'sha256'), trained(await text(page, 'command')).weights_sha256);
@@ -233,7 +233,7 @@ async function whatIsRefusedHasNoCommand(browser) {
     assert(await onScreen(page, 'problem'));
     assert.equal(await text(page, 'command'), '');
     assert(await page.isVisible('#none') && await page.isHidden('#same') && await page.isDisabled('#train'));
-    await page.setInputFiles('#file', path.join(folder, 'best.safetensors'));
+    await page.setInputFiles('#file', path.join(directory, 'best.safetensors'));
     await until(page, 'episode.moment.steps > 5');
     await page.selectOption('#preset', 'plain');
     await sees(page, 'command', /^cartpole-dqn train --config plain --out/);
@@ -262,7 +262,7 @@ async function pauseAndResetInterruptAnEvaluation(browser) {
   const summary = trained(await text(page, 'command'));
   assert.equal(await text(page, 'sha256'), summary.weights_sha256);
   for (const name of ['best', 'last']) {
-    const theirs = fs.readFileSync(path.join(folder, `runs/page/checkpoints/${name}.safetensors`));
+    const theirs = fs.readFileSync(path.join(directory, `runs/page/checkpoints/${name}.safetensors`));
     assert((await saved(page, name)).equals(theirs), `${name}.safetensors has other bytes than the program's`);
   }
   await page.close();
@@ -313,7 +313,7 @@ async function main() {
   }
   assert(fs.statSync(options.page).size < 1e6, 'the page has 1 MB');
   const { chromium } = require('playwright-core');
-  const browser = await chromium.launchPersistentContext(path.join(folder, 'profile'), { executablePath: CHROMIUM, args: ARGUMENTS });
+  const browser = await chromium.launchPersistentContext(path.join(directory, 'profile'), { executablePath: CHROMIUM, args: ARGUMENTS });
   try {
     const checks = [
       theDefaultIsSolvedWithTheProgramsBits, aCheckpointIsPlayed, aChangedRunIsTheOneOfItsCommand, aSeedOf64BitsStaysItself,
@@ -327,7 +327,7 @@ async function main() {
     }
   } finally {
     await browser.close();
-    fs.rmSync(folder, { recursive: true, force: true });
+    fs.rmSync(directory, { recursive: true, force: true });
   }
   return 0;
 }

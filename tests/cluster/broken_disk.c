@@ -20,10 +20,10 @@ int rename(const char *from, const char *to) {
     return ((int (*)(const char *, const char *))dlsym(RTLD_NEXT, "rename"))(from, to);
 }
 
-int renameat2(int from_folder, const char *from, int to_folder, const char *to, unsigned int flags) {
+int renameat2(int from_directory, const char *from, int to_directory, const char *to, unsigned int flags) {
     wait_a_little();
     return ((int (*)(int, const char *, int, const char *, unsigned int))dlsym(RTLD_NEXT, "renameat2"))(
-        from_folder, from, to_folder, to, flags);
+        from_directory, from, to_directory, to, flags);
 }
 
 // As on a file system without hard links.
@@ -33,8 +33,8 @@ int link(const char *from, const char *to) {
     return -1;
 }
 
-int linkat(int from_folder, const char *from, int to_folder, const char *to, int flags) {
-    (void)from_folder, (void)from, (void)to_folder, (void)to, (void)flags;
+int linkat(int from_directory, const char *from, int to_directory, const char *to, int flags) {
+    (void)from_directory, (void)from, (void)to_directory, (void)to, (void)flags;
     errno = EPERM;
     return -1;
 }

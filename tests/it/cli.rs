@@ -131,10 +131,10 @@ impl Sandbox {
         self.run(&[&["train"], &sets(TINY)[..], arguments].concat())
     }
 
-    /// Everything in it: path → content, `None` for a folder.
+    /// Everything in it: path → content, `None` for a directory.
     pub(crate) fn files(&self) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
-        fn walk(folder: &Path, files: &mut BTreeMap<PathBuf, Option<Vec<u8>>>) {
-            for entry in fs::read_dir(folder).unwrap() {
+        fn walk(directory: &Path, files: &mut BTreeMap<PathBuf, Option<Vec<u8>>>) {
+            for entry in fs::read_dir(directory).unwrap() {
                 let path = entry.unwrap().path();
                 files.insert(path.clone(), (!path.is_dir()).then(|| fs::read(&path).unwrap()));
                 if path.is_dir() {
@@ -176,7 +176,7 @@ pub(crate) fn keys(value: &Value) -> Vec<&str> {
     keys
 }
 
-/// One test per command that a fresh folder with nothing but the given files must refuse.
+/// One test per command that a fresh directory with nothing but the given files must refuse.
 macro_rules! refusals {
     ($($name:ident: $files:expr, $arguments:expr => $words:expr;)*) => {$(
         #[test]
@@ -239,7 +239,7 @@ refusals! {
     refuses_a_number_of_steps_in_place_of_a_budget:
         [("my.json", b"{\"budget\": 1000}")], CONFIG => ["`budget` is 1000", "`steps`, `episodes`"];
     refuses_a_missing_config: [], CONFIG => ["my.json", "No such file"];
-    refuses_a_folder_as_config: [("my.json/x", b"")], CONFIG => ["my.json", "directory", "takes a JSON file"];
+    refuses_a_directory_as_config: [("my.json/x", b"")], CONFIG => ["my.json", "directory", "takes a JSON file"];
     refuses_an_out_that_is_a_file: [("f", b"mine")], ["train", "--out", "f"] => ["f is a file", "--out"];
     refuses_that_with_force_too: [("f", b"mine")], ["train", "--force", "--out", "f"] => ["f is a file", "--out"];
     refuses_an_out_below_a_file: [("f", b"mine")], ["train", "--out", "f/a/b"] => ["f/a/b", "--out"];
@@ -287,7 +287,7 @@ fn refuses_a_checkpoint_as_config() {
 
 #[test]
 fn does_not_force_away_a_run_with_a_foreign_file() {
-    for foreign in ["run/notes.txt", "run/checkpoints/mine.safetensors", "run/folder/x"] {
+    for foreign in ["run/notes.txt", "run/checkpoints/mine.safetensors", "run/directory/x"] {
         let sandbox = Sandbox::with_run();
         sandbox.write(foreign, "mine");
         let named = foreign.trim_end_matches("/x");
@@ -329,7 +329,7 @@ fn force_replaces_a_run_behind_a_symbolic_link_and_keeps_the_link() {
 }
 
 #[test]
-fn a_run_goes_into_an_empty_folder_and_leaves_nothing_else() {
+fn a_run_goes_into_an_empty_directory_and_leaves_nothing_else() {
     let sandbox = Sandbox::new();
     fs::create_dir(sandbox.path("run")).unwrap();
     sandbox.train(&["--out", "run"]).success();
@@ -404,7 +404,7 @@ fn the_summary_names_the_command_that_evaluates_the_run() {
 }
 
 #[test]
-fn without_out_the_folder_is_named_after_config_seed_and_time() {
+fn without_out_the_directory_is_named_after_config_seed_and_time() {
     let sandbox = Sandbox::new();
     sandbox.write("my.json", "{}");
     sandbox.train(&["--seed", "7"]).success();

@@ -25,7 +25,7 @@ refusals! {
     refuses_a_config_as_checkpoint:
         [("x.json", b"{\"gamma\": 0.9}")], ["eval", "--checkpoint", "x.json"]
         => ["x.json", "not a safetensors file", "give a .safetensors file"];
-    refuses_a_folder_without_a_checkpoint:
+    refuses_a_directory_without_a_checkpoint:
         [("run/config.json", b"{}")], ["eval", "--checkpoint", "run"] => ["directory run", "best.safetensors"];
     refuses_to_inspect_what_is_no_checkpoint:
         [("x", b"hello, world")], ["inspect", "--checkpoint", "x"] => ["x", "not a safetensors file"];
@@ -38,11 +38,11 @@ refusals! {
     refuses_an_unknown_policy: [], ["eval", "--policy", "randm"] => ["'randm'", "random"];
     refuses_a_policy_beside_a_checkpoint:
         [], ["eval", "--policy", "random", "--checkpoint", "x"] => ["--policy", "--checkpoint"];
-    refuses_a_trace_in_a_missing_folder:
+    refuses_a_trace_in_a_missing_directory:
         [], ["eval", "--policy", "random", "--trace", "no/x"] => ["--trace no/x: No such file"];
     refuses_a_trace_below_a_file:
         [("f", b"mine")], ["eval", "--policy", "random", "--trace", "f/x"] => ["--trace f/x: Not a directory"];
-    refuses_a_trace_that_is_a_folder:
+    refuses_a_trace_that_is_a_directory:
         [("f/x", b"mine")], ["eval", "--policy", "random", "--trace", "f"] => ["--trace f", "directory"];
     refuses_a_path_twice: [], ["eval", "a", "--checkpoint", "b"] => ["PATH", "--checkpoint"];
     refuses_the_trials_of_a_study:
@@ -290,10 +290,10 @@ fn a_run_is_played_by_its_best_checkpoint_or_else_its_last() {
     sandbox.run(&["inspect", "--checkpoint", "run"]).success().stdout(inspected(BEST));
     fs::remove_file(sandbox.path(BEST)).unwrap();
     sandbox.run(&["inspect", "--checkpoint", "run"]).success().stdout(inspected(LAST));
-    let [folder, file] = ["run", LAST].map(|path| {
+    let [directory, file] = ["run", LAST].map(|path| {
         stdout_json(&sandbox.run(&["eval", "--checkpoint", path, "--episodes", "3", "--json"]).success())
     });
-    assert_eq!(folder, file);
+    assert_eq!(directory, file);
 }
 
 #[test]

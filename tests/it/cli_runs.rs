@@ -24,8 +24,8 @@ fn train_at(sandbox: &Sandbox, run: &str, seconds: u64, arguments: &[&str]) {
 
 fn set_time(sandbox: &Sandbox, run: &str, seconds: u64) {
     let time = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000 + seconds);
-    for folder in [sandbox.path(run), sandbox.path(run).join("checkpoints")] {
-        for entry in fs::read_dir(folder).unwrap() {
+    for directory in [sandbox.path(run), sandbox.path(run).join("checkpoints")] {
+        for entry in fs::read_dir(directory).unwrap() {
             let path = entry.unwrap().path();
             if path.is_file() {
                 File::options().append(true).open(path).unwrap().set_modified(time).unwrap();

@@ -16,7 +16,7 @@ refusals! {
         [("x", b"")], ["render", "--checkpoint", "x", "-o", "x.png"] => ["x.png", ".gif or .svg"];
     refuses_a_picture_without_an_extension:
         [("x", b"")], ["render", "--checkpoint", "x", "-o", "gif"] => ["gif", ".gif or .svg"];
-    refuses_a_picture_that_is_a_folder:
+    refuses_a_picture_that_is_a_directory:
         [("f.gif/x", b"")], ["render", "--checkpoint", "x", "-o", "f.gif"] => ["f.gif", "directory"];
     refuses_to_train_live_without_a_terminal: [], ["train", "--live"] => ["needs a terminal"];
     refuses_a_pace_without_live: [], ["train", "--pace", "5x"] => ["--live"];
@@ -31,7 +31,7 @@ refusals! {
 }
 
 #[test]
-fn does_not_draw_over_the_checkpoint_or_into_a_missing_folder() {
+fn does_not_draw_over_the_checkpoint_or_into_a_missing_directory() {
     let sandbox = Sandbox::with_run();
     fs::copy(sandbox.path(BEST), sandbox.path("policy.gif")).unwrap();
     let render = ["render", "--checkpoint", "policy.gif", "-o"];

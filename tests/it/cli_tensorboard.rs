@@ -2,7 +2,7 @@
 
 use crate::cli::Sandbox;
 
-/// The content of the one event file in the folder of a run.
+/// The content of the one event file in the directory of a run.
 fn events(sandbox: &Sandbox, run: &str) -> Vec<u8> {
     let files: Vec<_> = std::fs::read_dir(sandbox.path(run).join("tensorboard")).unwrap().collect();
     let [Ok(file)] = &files[..] else { panic!("{files:?}") };
@@ -59,8 +59,8 @@ fn force_replaces_event_files_too_and_nothing_that_is_not_one() {
 
 /// The records of every event file of a run, the files by name.
 fn files(sandbox: &Sandbox, run: &str) -> Vec<Vec<Vec<u8>>> {
-    let folder = std::fs::read_dir(sandbox.path(run).join("tensorboard")).unwrap();
-    let mut paths: Vec<_> = folder.map(|file| file.unwrap().path()).collect();
+    let directory = std::fs::read_dir(sandbox.path(run).join("tensorboard")).unwrap();
+    let mut paths: Vec<_> = directory.map(|file| file.unwrap().path()).collect();
     paths.sort();
     let records = |bytes: Vec<u8>| {
         let (mut records, mut rest) = (Vec::new(), &bytes[..]);

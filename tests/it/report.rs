@@ -776,7 +776,7 @@ const RUN: [&str; 2] = ["report", "r"];
 
 refusals! {
     refuses_a_report_of_nothing: [], ["report"] => ["DIR"];
-    refuses_a_report_of_a_missing_folder: [], RUN => ["r: there is no such directory"];
+    refuses_a_report_of_a_missing_directory: [], RUN => ["r: there is no such directory"];
     refuses_a_report_of_a_file: [("r", b"mine")], RUN => ["r: is a file", "give the directory"];
     refuses_a_report_of_something_else: [("r/notes.txt", b"mine")], RUN => ["r: is neither a study", "study.json", "metrics.jsonl"];
     refuses_a_study_of_another_format:
@@ -817,10 +817,10 @@ fn a_study_of_negative_returns_ranks_and_draws_them() {
     super::tasks::dqn_config(&mut configs[1].config).optimizer.learning_rate = 1e38;
     let study = Study::new(configs, 0..10, false);
     let trials: Vec<_> = study.trials(Shard::ALL).collect();
-    let folder = StudyDir::create(&sandbox.path("s"), study).unwrap();
+    let directory = StudyDir::create(&sandbox.path("s"), study).unwrap();
     let make = |_: &Config| TwoStates::make();
-    folder.run(&trials, &make, 2, &AtomicBool::new(false), |_| {}).unwrap();
-    drop(folder);
+    directory.run(&trials, &make, 2, &AtomicBool::new(false), |_| {}).unwrap();
+    drop(directory);
     sandbox.run(&["report", "s"]).success();
     let report = sandbox.json("s/report.json");
     let [good, failed, _] = [0, 1, 2].map(|i| &report["configs"][i]);

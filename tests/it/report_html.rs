@@ -187,6 +187,6 @@ fn runs_of_the_same_name_are_told_apart_and_a_page_goes_to_standard_output() {
 refusals! {
     refuses_a_page_of_nothing: [], ["report", "--html", "page.html"] => ["DIR"];
     refuses_a_page_of_something_else: [("r/notes.txt", b"mine")], ["report", "r", "--html", "page.html"] => ["r: is neither a study", "nor a run"];
-    refuses_several_folders_without_a_page: [], ["report", "a", "b"] => ["several directories need --html"];
-    refuses_a_page_and_a_folder: [], ["report", "a", "--html", "p", "--out", "o"] => ["--html", "--out"];
+    refuses_several_directories_without_a_page: [], ["report", "a", "b"] => ["several directories need --html"];
+    refuses_a_page_and_a_directory: [], ["report", "a", "--html", "p", "--out", "o"] => ["--html", "--out"];
 }

@@ -16,18 +16,19 @@ fn study(sandbox: &Sandbox, out: &str, more: &[&str]) -> Assert {
     sandbox.run(&[&STUDY[..], &[out], &sets(TINY), more].concat())
 }
 
-/// The files below a folder of the sandbox, by their path in it.
-pub(crate) fn tree(sandbox: &Sandbox, folder: &str) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
-    let root = sandbox.path(folder);
+/// The files below a directory of the sandbox, by their path in it.
+pub(crate) fn tree(sandbox: &Sandbox, directory: &str) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+    let root = sandbox.path(directory);
     let below = |path: PathBuf| Some(path.strip_prefix(&root).ok()?.to_owned());
     sandbox.files().into_iter().filter_map(|(path, content)| Some((below(path)?, content))).collect()
 }
 
 /// The only file of trials of a study, as the sandbox knows it.
-pub(crate) fn trial_file(sandbox: &Sandbox, folder: &str) -> String {
-    let files: Vec<PathBuf> = tree(sandbox, folder).into_keys().filter(|path| is_of_trials(path)).collect();
+pub(crate) fn trial_file(sandbox: &Sandbox, directory: &str) -> String {
+    let files: Vec<PathBuf> =
+        tree(sandbox, directory).into_keys().filter(|path| is_of_trials(path)).collect();
     assert_eq!(files.len(), 1, "{files:?}");
-    format!("{folder}/{}", files[0].display())
+    format!("{directory}/{}", files[0].display())
 }
 
 fn is_of_trials(path: &Path) -> bool {
@@ -35,37 +36,37 @@ fn is_of_trials(path: &Path) -> bool {
 }
 
 /// The finished trials of a study, in one order whoever has run them; copies are one.
-pub(crate) fn trial_lines(sandbox: &Sandbox, folder: &str) -> Vec<String> {
-    let files = files_of_trials(sandbox, folder);
+pub(crate) fn trial_lines(sandbox: &Sandbox, directory: &str) -> Vec<String> {
+    let files = files_of_trials(sandbox, directory);
     let mut lines: Vec<String> = files.iter().flat_map(|text| text.lines()).map(String::from).collect();
     lines.sort();
     lines.dedup();
     lines
 }
 
-fn files_of_trials(sandbox: &Sandbox, folder: &str) -> Vec<String> {
-    let files = tree(sandbox, folder).into_iter().filter(|(path, _)| is_of_trials(path));
+fn files_of_trials(sandbox: &Sandbox, directory: &str) -> Vec<String> {
+    let files = tree(sandbox, directory).into_iter().filter(|(path, _)| is_of_trials(path));
     files.map(|(_, content)| String::from_utf8(content.unwrap()).unwrap()).collect()
 }
 
 /// Changes the lines of the only file of trials.
-pub(crate) fn edit_lines(sandbox: &Sandbox, folder: &str, edit: impl FnOnce(&mut Vec<String>)) {
-    let file = trial_file(sandbox, folder);
+pub(crate) fn edit_lines(sandbox: &Sandbox, directory: &str, edit: impl FnOnce(&mut Vec<String>)) {
+    let file = trial_file(sandbox, directory);
     let mut lines: Vec<String> = sandbox.read(&file).lines().map(String::from).collect();
     edit(&mut lines);
     sandbox.write(&file, lines.into_iter().map(|line| line + "\n").collect::<String>());
 }
 
-fn trial(sandbox: &Sandbox, folder: &str, config: &str, seed: u64) -> Value {
+fn trial(sandbox: &Sandbox, directory: &str, config: &str, seed: u64) -> Value {
     let trials =
-        trial_lines(sandbox, folder).into_iter().map(|line| serde_json::from_str::<Value>(&line).unwrap());
+        trial_lines(sandbox, directory).into_iter().map(|line| serde_json::from_str::<Value>(&line).unwrap());
     let is_it = |trial: &Value| trial["config"] == config && trial["seed"] == seed;
     trials.into_iter().find(is_it).unwrap()
 }
 
 refusals! {
     refuses_a_study_without_seeds: [], ["study", "--out", "s"] => ["--seeds"];
-    refuses_a_study_without_a_folder: [], ["study", "--seeds", "0..2"] => ["--out"];
+    refuses_a_study_without_a_directory: [], ["study", "--seeds", "0..2"] => ["--out"];
     refuses_no_seeds: [], ["study", "--out", "s", "--seeds", "2..2"] => ["'2..2'", "A < B", "0..100"];
     refuses_seeds_that_are_no_range: [], ["study", "--out", "s", "--seeds", "10"] => ["'10'", "A..B"];
     refuses_negative_seeds: [], ["study", "--out", "s", "--seeds", "-1..3"] => ["-1..3", "A..B"];
@@ -111,7 +112,7 @@ refusals! {
         => ["b/my.json", "\"my\"", "rename"];
     refuses_a_missing_config_for_a_study:
         [], ["study", "--out", "s", "--seeds", "0..2", "--config", "no.json"] => ["no.json", "No such file"];
-    refuses_a_folder_with_something_else:
+    refuses_a_directory_with_something_else:
         [("s/notes.txt", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "not empty", "--out"];
     refuses_a_study_into_a_file: [("s", b"mine")], ["study", "--out", "s", "--seeds", "0..2"] => ["directory s", "--out"];
     refuses_a_shard_beyond_the_last: [], ["study", "s", "--shard", "4/4"] => ["'4/4'", "I from 0 to N − 1", "0/4"];
