@@ -2,8 +2,8 @@
 //! only a mistake that then reproduces every number is named.
 
 use super::mistakes::Stage;
-use super::reference::{Decay, Discount, Fitted, Optimizer, Penalty, Predicted, Variant};
 use super::rounding::{Number, agrees, rounded, short, square};
+use super::variant::{Decay, Discount, Fitted, Optimizer, Penalty, Predicted, Variant};
 use super::verdict::{Hypothesis, Search};
 
 impl Search<'_> {

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::activation::Activation;
 use super::file::EpsilonPlace;
-use super::reference::{
+use super::variant::{
     Clipping, Decay, Discount, Mask, NextValue, Optimizer, Penalty, Predicted, PredictedFrom, Queried,
     Reached, Reduction, Reward, Variant,
 };

@@ -6,6 +6,7 @@
 //! | `batch.rs` | its rows against the physics of their task |
 //! | `rounding.rs` | how far rounding may move a number |
 //! | `pass.rs`, `activation.rs` | a network's passes in f64 |
+//! | `variant.rs` | the ways of computing an update, right and with a mistake |
 //! | `reference.rs` | Q-values, targets, loss, gradients and weights, the right way or with a mistake |
 //! | `mistakes.rs` | everything that can be named |
 //! | `fit.rs` | numbers that the settings say otherwise, and what differing numbers have in common |
@@ -19,13 +20,15 @@ mod mistakes;
 mod pass;
 mod reference;
 mod rounding;
+mod variant;
 mod verdict;
 
 pub(crate) use batch::{BatchVerdict, Found};
 pub use file::{Batch, Moments, OptimizerName, Results, Settings, Update};
 pub(crate) use file::{EpsilonPlace, START};
 pub use mistakes::{CATALOGUE, FINDINGS, Stage};
-pub use reference::{Reference, Variant};
+pub use reference::Reference;
 pub use rounding::Number;
+pub use variant::Variant;
 pub(crate) use verdict::{Explained, Judged, check_with};
 pub use verdict::{QuantityState, Verdict, check};

@@ -9,10 +9,9 @@ use serde::Serialize;
 use super::batch;
 use super::file::Update;
 use super::mistakes::{CATALOGUE, Mistake, Stage, finding};
-use super::reference::{
-    Clipping, LossOf, NORM_MARGIN, Predicted, PredictedFrom, Reference, Targets, Variant,
-};
+use super::reference::{LossOf, NORM_MARGIN, Reference, Targets};
 use super::rounding::{Matrix, Number, SAFETY, agrees, short};
+use super::variant::{Clipping, Predicted, PredictedFrom, Variant};
 
 /// Most explanations that are followed at once.
 const MAX_EXPLANATIONS: usize = 8;
