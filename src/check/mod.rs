@@ -7,11 +7,13 @@
 //! | `reference.rs` | targets, loss, gradients and weights, the right way or with a mistake |
 //! | `catalogue.rs` | the known mistakes |
 //! | `verdict.rs` | the search for the mistakes that give somebody's numbers |
+//! | `trace/` | a whole loop: what is wrong around the update |
 
 mod catalogue;
 mod file;
 mod reference;
 mod rounding;
+pub mod trace;
 mod verdict;
 
 pub use catalogue::{CATALOGUE, Stage};

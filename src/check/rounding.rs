@@ -88,6 +88,11 @@ impl Pass {
     pub(crate) fn q(&self) -> &Matrix {
         &self.outputs[self.outputs.len() - 1]
     }
+
+    /// What a layer gave before its ReLU, (batch, units).
+    pub(super) fn before_relu(&self, layer: usize) -> &DMatrix<f64> {
+        &self.outputs[layer].value
+    }
 }
 
 /// y = W x + b for every layer, with ReLU between them.
