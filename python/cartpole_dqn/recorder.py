@@ -17,7 +17,7 @@ import numpy as np
 
 from . import _tensors
 from ._run import PathLike, shown
-from ._update import NEEDED, OPTIONAL, SETTINGS, _adam, _array, _is_torch, _leaves, _network, _number
+from ._update import NEEDED, OPTIONAL, SETTINGS, _adam, _array, _is_keras, _is_torch, _leaves, _network, _number
 
 VERSION = 1
 MAX_STEPS = 1 << 20  # Environment steps in one file, and updates.
@@ -166,6 +166,8 @@ class Recorder:
         if target is None:
             self._say("a target network: `learned` was given none", "target")
         learning.same_object |= target is online
+        if _is_keras(online) and not self._updates.fields:
+            self._settings = {"epsilon": 1e-7, "epsilon_place": "tensorflow", **self._settings}
         networks = [learning.fingerprint("online", online), None if target is None else learning.fingerprint("target", target)]
         if not self._updates.fields:
             tensors = len(networks[0][0])
@@ -182,9 +184,9 @@ class Recorder:
                 row[name], row[f"{name}_sample"] = network
         if optimizer is not None and (moments := _optimizer_steps(optimizer)) is not None:
             row["optimizer_steps"] = moments
-        row["loss"] = np.nan if loss is None else float(np.asarray(_numbers(loss)).ravel()[0])
+        row["loss"] = np.nan if loss is None else _or_infinite(float(np.asarray(_numbers(loss)).ravel()[0]))
         y = None if targets is None else np.asarray(_numbers(targets)).ravel()
-        row["largest_target"] = np.nan if y is None or not y.size else np.abs(y).max()
+        row["largest_target"] = np.nan if y is None or not y.size else _or_infinite(float(np.abs(y).max()))
         number = len(self._updates)
         is_due = learning.batches.is_due(number) or learning.before is not None
         arrays = self._batch(batch) if is_due and batch is not None else None
@@ -527,6 +529,11 @@ def _numbers(value: Any) -> Any:
         value = value.detach().cpu()
         value = value.float() if str(value.dtype) in ("torch.bfloat16", "torch.float16") else value
     return value.numpy() if hasattr(value, "numpy") else value
+
+
+def _or_infinite(value: float) -> float:
+    """NaN stands for what was not told."""
+    return value if np.isfinite(value) else np.inf
 
 
 def _checksum(flat: np.ndarray) -> int:

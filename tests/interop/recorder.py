@@ -158,10 +158,7 @@ def loop(
         if mistake == "next_is_current":
             stored_observation = following
         if mistake == "observation_changed":
-            stored_observation = stored_next
-            stored_next = following + 1
-        if mistake == "rounded":
-            stored_observation, stored_next = np.round(observation), np.round(following)
+            stored_observation = observation / [2.4, 1, 0.2, 1]
         stored_reward = np.clip(reward * scale, -0.5, 0.5) if clip else reward * scale
         if mistake == "reward_of_another_step":
             stored_reward, reward_before = reward_before, reward
@@ -208,8 +205,6 @@ def loop(
             batch["next_observations"] = batch["next_observations"][rng.permutation(size)]
         if mistake == "optimizer_made_anew":
             learner.forget()
-        if mistake == "diverges":
-            learner.rate, batch["rewards"] = 0.3, batch["rewards"] * (1 + step)
         before = (learner.adam[0], [m.copy() for m in learner.adam[1]], [v.copy() for v in learner.adam[2]]) if optimizer else None
         y, loss = learner.update(batch, double, mistake != "online_never_changes")
         updates = step // every
@@ -274,10 +269,10 @@ MISTAKES = {
     "never_explores": {}, "epsilon_never_falls": {}, "epsilon_falls_at_once": {}, "epsilon_grows": {}, "epsilon_not_applied": {},
     "epsilon_inverted": {}, "exploration_misses_an_action": {"task": "MountainCar-v0", "limit": 200}, "greedy_is_not_the_largest": {},
     "acts_on_an_old_observation": {},
-    "target_never_updated": {}, "target_is_online": {}, "target_not_initialised": {}, "tau_reversed": {"target": "soft"},
+    "target_never_updated": {}, "target_is_online": {}, "target_not_initialised": {"period": 150}, "tau_reversed": {"target": "soft"},
     "online_overwritten_by_target": {}, "target_updated_too_rarely": {},
     "online_never_changes": {}, "layer_never_changes": {}, "optimizer_made_anew": {}, "learns_at_episode_ends_only": {},
-    "learns_before_a_batch_is_there": {}, "learns_while_evaluating": {}, "diverges": {}, "units_die": {},
+    "learns_before_a_batch_is_there": {}, "learns_while_evaluating": {}, "diverges": {"sgd": True, "rate": 1.0}, "units_die": {},
 }  # fmt: skip
 
 RIGHT = {

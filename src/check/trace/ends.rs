@@ -97,12 +97,13 @@ fn steps_after_ends(trace: &Trace, judgement: &mut Judgement) {
 
 fn same_starts(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let steps = &trace.steps;
-    let mut starts = episodes.starts.iter().map(|&row| (steps.observation.row(row), steps.reset[row]));
-    let Some((first, _)) = starts.next() else { return };
-    if episodes.starts.len() < 3 || !starts.clone().all(|(start, _)| start == first) {
+    // The first one may have had another seed.
+    let mut starts = episodes.starts.iter().skip(1).map(|&row| (steps.observation.row(row), steps.reset[row]));
+    let Some((first, _)) = starts.clone().next() else { return };
+    if episodes.starts.len() < 4 || !starts.clone().all(|(start, _)| start == first) {
         return;
     }
-    let shown = counted(episodes.starts.len(), "episode");
+    let shown = counted(episodes.starts.len() - 1, "episode");
     // A task may have one start; a seed that is given again and again makes it one.
     if starts.all(|(_, reset)| reset == 2) {
         judgement.name("same_start_every_episode", format!("{shown}, all reset with a seed, start from the same observation"));

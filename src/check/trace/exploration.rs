@@ -1,10 +1,12 @@
 //! ε, Q-values and actions.
 
+use nalgebra::DMatrix;
+
+use super::super::rounding::forward;
 use super::ends::Episodes;
 use super::file::{Steps, Trace, Whole};
 use super::{Judgement, count, counted};
-use crate::check::rounding::forward;
-use nalgebra::DMatrix;
+use crate::nn::Mlp;
 
 /// Steps that are enough to speak of all of them.
 const ENOUGH: usize = 500;
@@ -47,7 +49,7 @@ fn schedule(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let epsilon = &trace.steps.epsilon;
     let told: Vec<(usize, f64)> = epsilon.iter().copied().enumerate().filter(|(_, value)| value.is_finite()).collect();
     let (Some(&(_, first)), Some(&(end, last))) = (told.first(), told.last()) else {
-        judgement.doubt("ε: recorder.acting(epsilon=epsilon) before env.step shows it".into());
+        judgement.doubt("exploration: recorder.acting(epsilon=epsilon) before env.step shows it".into());
         return;
     };
     let least = told.iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
@@ -215,33 +217,32 @@ fn old_observations(trace: &Trace, judgement: &mut Judgement) {
     }
 }
 
-/// The steps around a whole update: whether their Q-values are those of their observation, and those of the one before.
+/// Steps after a whole update: whether their Q-values are those of their observation, and whether of the one before, by the
+/// network of now or of before the update.
 fn compared(trace: &Trace, whole: &Whole) -> Vec<(bool, bool)> {
     let (steps, updates) = (&trace.steps, &trace.updates.step);
     let is_kept = |name: &str| !name.starts_with("adam.");
     let Some(update) = whole.update(trace.settings, is_kept, false) else { return Vec::new() };
     let place = |number: usize| updates.get(number).copied();
-    let (Some(from), Some(at)) = (whole.number.checked_sub(1).and_then(place), place(whole.number)) else { return Vec::new() };
-    let until = place(whole.number + 1).unwrap_or(at);
-    let networks = [(from..at, Some(&update.online)), (at..until, update.results.online.as_ref())];
-    let mut found = Vec::new();
-    for (range, network) in networks {
-        let Some(network) = network.filter(|network| network.sizes()[0] == steps.observation.width) else { continue };
-        if network.sizes().last() != Some(&steps.q_values.width) {
-            continue;
-        }
-        let is_q = |row: usize, observation: &[f32]| {
-            let input = DMatrix::from_fn(1, observation.len(), |_, column| f64::from(observation[column]));
-            let pass = forward(network, &input, update.rounding_unit);
-            let told = steps.q_values.row(row).iter().map(|&value| f64::from(value));
-            let scale = pass.q().value.amax().max(1.0);
-            told.zip(pass.q().value.iter()).all(|(told, ours)| (told - ours).abs() <= 1e-4 * scale)
-        };
-        // Three are enough: with a vector of environments there may be many.
-        for row in range.take(3).filter(|row| steps.q_values.row(*row).iter().all(|value| value.is_finite())) {
-            let Some(before) = steps.previous[row] else { continue };
-            found.push((is_q(row, steps.observation.row(row)), is_q(row, steps.observation.row(before))));
-        }
+    let (Some(from), Some(until), Some(after)) = (place(whole.number), place(whole.number + 1), &update.results.online) else {
+        return Vec::new();
+    };
+    if after.sizes()[0] != steps.observation.width || after.sizes().last() != Some(&steps.q_values.width) {
+        return Vec::new();
     }
-    found
+    let is_q = |row: usize, network: &Mlp<f64>, observation: usize| {
+        let observation = steps.observation.row(observation);
+        let input = DMatrix::from_fn(1, observation.len(), |_, column| f64::from(observation[column]));
+        let pass = forward(network, &input, update.rounding_unit);
+        let told = steps.q_values.row(row).iter().map(|&value| f64::from(value));
+        let scale = pass.q().value.amax().max(1.0);
+        told.zip(pass.q().value.iter()).all(|(told, ours)| (told - ours).abs() <= 1e-4 * scale)
+    };
+    let is_told = |row: &usize| steps.q_values.row(*row).iter().all(|value| value.is_finite());
+    // Three are enough: with a vector of environments there may be many.
+    let rows = (from..until).filter(is_told).filter_map(|row| Some((row, steps.previous[row]?))).take(3);
+    rows.map(|(row, before)| {
+        (is_q(row, after, row), is_q(row, after, before) || is_q(row, &update.online, before))
+    })
+    .collect()
 }

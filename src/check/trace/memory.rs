@@ -70,8 +70,8 @@ pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judg
         return;
     }
     contents(trace, origins, episodes, judgement);
-    stored_ends(trace, origins, judgement);
     if !judgement.has(&["state_not_advanced", "row_that_never_happened", "next_is_current"]) {
+        stored_ends(trace, origins, judgement);
         ages(trace, origins, episodes, &minibatches, judgement);
     }
 }
@@ -83,7 +83,7 @@ fn repeated(trace: &Trace, minibatches: &[Minibatch], judgement: &mut Judgement)
     let late: Vec<_> = minibatches.iter().filter(|one| one.size() >= 4 && one.steps >= 4 * one.size()).collect();
     let same = late.iter().filter(|one| one.rows.clone().all(|other| row(other) == row(one.rows.start))).count();
     if same >= ENOUGH && same * 10 >= late.len() * 9 {
-        judgement.name("one_transition_repeated", format!("so are {} of {} minibatches", count(same), count(late.len())));
+        judgement.name("one_transition_repeated", format!("{} of {} minibatches", count(same), count(late.len())));
     }
 }
 
@@ -112,7 +112,7 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
     let (batches, all) = (&trace.batches, origins.len());
     let same = origins.iter().filter(|origin| **origin == Origin::Same).count();
     if same >= ENOUGH_ROWS && same * 10 >= all * 9 {
-        judgement.name("next_is_current", format!("so it is in {} of {} rows", count(same), count(all)));
+        judgement.name("next_is_current", format!("{} of {} rows", count(same), count(all)));
         return;
     }
     let reset = origins.iter().zip(&batches.terminated);
@@ -121,9 +121,9 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
         let shown = format!("{} of {} rows lead there without being stored as terminated", count(reset), count(all));
         judgement.name("next_is_reset", shown);
     }
-    let spans: Vec<_> = spans(origins).collect();
-    let from_start = spans.iter().filter(|(_, first, _)| episodes.first[*first] == *first).count();
-    let lengths: BTreeSet<_> = spans.iter().map(|(_, first, last)| last - first).collect();
+    let spans: Vec<Span> = spans(origins).collect();
+    let from_start = spans.iter().filter(|span| episodes.first[span.first] == span.first).count();
+    let lengths: BTreeSet<_> = spans.iter().map(|span| span.between).collect();
     if spans.len() >= ENOUGH_ROWS && from_start * 100 >= spans.len() * 95 && lengths.len() >= 3 {
         let farthest = counted(lengths.last().map_or(0, |length| length + 1), "step");
         judgement.name(
@@ -132,114 +132,110 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
         );
         return;
     }
-    let span = span_of(&spans, trace);
-    let is_right = |first: usize, last: usize| {
-        last - first == span || (last - first < span && (trace.ended(last) || is_newest(trace, last)))
+    let most = most_between(&spans);
+    // A sample of n steps may end at the newest step.
+    let is_newest = |span: &Span| {
+        let until = trace.updates.step.get(batches.update[span.row]).copied().unwrap_or(0);
+        span.last + trace.header.environments.max(1) >= until
     };
-    let wrong = spans.iter().filter(|(_, first, last)| !is_right(*first, *last)).count();
+    let is_right = |span: &&Span| {
+        span.between == most || (span.between < most && (trace.ended(span.last) || is_newest(span)))
+    };
+    let wrong = spans.len() - spans.iter().filter(is_right).count();
     let never = origins.iter().filter(|origin| **origin == Origin::Never).count() + wrong;
     if never >= ENOUGH_ROWS && never * 20 >= all {
-        let numbers = format!("so do {} of {} rows; both observations are in the record", count(never), count(all));
+        let numbers = format!("{} of {} rows; both observations are in the record", count(never), count(all));
         judgement.name("row_that_never_happened", numbers);
         return;
     }
-    if span > 0 && trace.header.environments <= 1 {
-        judgement.fact(format!("rows of {} steps", span + 1));
+    if most > 0 {
+        judgement.fact(format!("rows of {} steps", most + 1));
     }
-    let one_step: Vec<_> = spans.iter().filter(|(_, first, last)| first == last).map(|(row, first, _)| (*row, *first)).collect();
     actions(trace, &spans, judgement);
-    if span == 0 {
-        rewards(trace, &one_step, judgement);
+    if most == 0 {
+        rewards(trace, &spans, judgement);
     }
 }
 
-/// The rows whose steps are known: row, first and last step.
-fn spans(origins: &[Origin]) -> impl Iterator<Item = (usize, usize, usize)> {
+/// A row whose steps are known.
+struct Span {
+    row: usize,
+    first: usize,
+    last: usize,
+    between: usize,
+}
+
+fn spans(origins: &[Origin]) -> impl Iterator<Item = Span> {
     origins.iter().enumerate().filter_map(|(row, origin)| match *origin {
-        Origin::Steps { first, last } => Some((row, first, last)),
+        Origin::Steps { first, last, between } => Some(Span { row, first, last, between }),
         _ => None,
     })
 }
 
-/// By how many rows of the record most last steps lie behind the first ones: n − 1, times the number of environments.
-fn span_of(spans: &[(usize, usize, usize)], trace: &Trace) -> usize {
+/// n − 1 of most rows.
+fn most_between(spans: &[Span]) -> usize {
     let mut lengths: BTreeMap<usize, usize> = BTreeMap::new();
-    for (_, first, last) in spans {
-        *lengths.entry(last - first).or_default() += 1;
+    for span in spans {
+        *lengths.entry(span.between).or_default() += 1;
     }
-    // Vectors skip rows where they reset, so their n steps have no one length.
-    let most = lengths.into_iter().max_by_key(|(_, number)| *number).map_or(0, |(length, _)| length);
-    if trace.header.environments > 1 && most > 0 { usize::MAX } else { most }
+    lengths.into_iter().max_by_key(|(_, number)| *number).map_or(0, |(length, _)| length)
 }
 
-/// Whether a step is the last one of the record: an unfinished sample may end there.
-fn is_newest(trace: &Trace, row: usize) -> bool {
-    row + trace.header.environments.max(1) >= trace.steps.action.len()
-}
-
-fn actions(trace: &Trace, spans: &[(usize, usize, usize)], judgement: &mut Judgement) {
-    let (stored, done) = (&trace.batches.actions, &trace.steps.action);
-    let other = spans.iter().filter(|(row, first, _)| stored[*row] != done[*first]).count();
+fn actions(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
+    let pair = |span: &Span| (trace.batches.actions[span.row], trace.steps.action[span.first]);
+    let other = spans.iter().map(pair).filter(|(stored, done)| stored != done).count();
     if other < 3 {
         return;
     }
-    let pairs: BTreeSet<_> = spans.iter().map(|(row, first, _)| (stored[*row], done[*first])).collect();
-    let names: BTreeSet<_> = pairs.iter().map(|(stored, _)| *stored).collect();
-    let actions: BTreeSet<_> = pairs.iter().map(|(_, done)| *done).collect();
-    if pairs.len() == names.len() && names != actions && names.len() > 1 {
+    let pairs: BTreeSet<_> = spans.iter().map(pair).collect();
+    let (stored, done): (BTreeSet<_>, BTreeSet<_>) = pairs.iter().copied().unzip();
+    if pairs.len() == stored.len() && stored != done && stored.len() > 1 {
         judgement.fact("actions are stored under other numbers than the environment gets".into());
         return;
     }
-    let shown = format!("so it is in {} of {} rows whose step is in the record", count(other), count(spans.len()));
+    let shown = format!("{} of {} rows have another action than their step", count(other), count(spans.len()));
     judgement.name("stored_action_is_another", shown);
 }
 
-fn rewards(trace: &Trace, rows: &[(usize, usize)], judgement: &mut Judgement) {
+fn rewards(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
     let (stored, steps) = (&trace.batches.rewards, &trace.steps);
-    let is_like = |a: f64, b: f64| (a - b).abs() <= 1e-5 * (1.0 + b.abs());
-    let other = rows.iter().filter(|(row, step)| !is_like(stored[*row], steps.reward[*step])).count();
-    if other == 0 || rows.is_empty() {
+    let is_of = |row: usize, step: usize| {
+        (stored[row] - steps.reward[step]).abs() <= 1e-5 * (1.0 + steps.reward[step].abs())
+    };
+    let other = spans.iter().filter(|span| !is_of(span.row, span.first)).count();
+    if other == 0 {
         return;
     }
-    let following = |step: usize| (step + 1..steps.action.len()).find(|&row| steps.previous[row] == Some(step));
-    for (neighbour, name) in [
-        (&(|step: usize| steps.previous[step]) as &dyn Fn(usize) -> Option<usize>, "before"),
-        (&following, "after"),
-    ] {
-        let known: Vec<_> = rows.iter().filter_map(|&(row, step)| Some((row, neighbour(step)?))).collect();
-        let fits = known.iter().filter(|(row, step)| is_like(stored[*row], steps.reward[*step])).count();
-        if other >= ENOUGH_ROWS && other * 5 >= rows.len() && fits * 100 >= known.len() * 95 {
-            judgement.name(
-                "reward_of_another_step",
-                format!(
-                    "{} of {} rows have another reward than their step, {} of {} that of the step {name}",
-                    count(other), count(rows.len()), count(fits), count(known.len())
-                ),
-            );
+    let shown = format!("{} of {} rows have another reward than their step", count(other), count(spans.len()));
+    let mut after = vec![None; steps.action.len()];
+    steps.previous.iter().enumerate().filter_map(|(row, before)| Some((row, (*before)?))).for_each(|(row, before)| after[before] = Some(row));
+    for (neighbours, name) in [(&steps.previous, "before"), (&after, "after")] {
+        let known: Vec<_> = spans.iter().filter_map(|span| Some((span.row, neighbours[span.first]?))).collect();
+        let fits = known.iter().filter(|(row, step)| is_of(*row, *step)).count();
+        if other >= ENOUGH_ROWS && other * 5 >= spans.len() && fits * 100 >= known.len() * 95 {
+            let numbers = format!("{shown}, {} of {} that of the step {name}", count(fits), count(known.len()));
+            judgement.name("reward_of_another_step", numbers);
             return;
         }
     }
-    judgement.fact(format!(
-        "{} of {} rows have another reward than the environment gave: scaled, clipped or shaped",
-        count(other), count(rows.len())
-    ));
+    judgement.fact(format!("{shown}: scaled, clipped or shaped"));
 }
 
 /// Whether the ends are stored as the environment said them.
 fn stored_ends(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) {
     let (steps, stored) = (&trace.steps, &trace.batches.terminated);
     let share = |is_such: &dyn Fn(usize) -> bool| {
-        let all: Vec<_> = spans(origins).filter(|(_, _, last)| is_such(*last)).collect();
-        (all.len(), all.iter().filter(|(row, ..)| stored[*row]).count())
+        let all: Vec<Span> = spans(origins).filter(|span| is_such(span.last)).collect();
+        (all.len(), all.iter().filter(|span| stored[span.row]).count())
     };
     let (cut, as_terminated) = share(&|last| steps.truncated[last] && !steps.terminated[last]);
     let (terminated, kept) = share(&|last| steps.terminated[last]);
     if as_terminated >= 2 && as_terminated * 2 > cut {
-        let numbers = format!("so are {} of {} rows with which the time limit ended an episode", count(as_terminated), count(cut));
+        let numbers = format!("{} of {} rows with which the time limit ended an episode", count(as_terminated), count(cut));
         judgement.name("time_limit_stored_as_terminated", numbers);
     }
     if terminated >= 3 && (terminated - kept) * 2 > terminated {
-        let numbers = format!("so are {} of {} rows with which an episode terminated", count(terminated - kept), count(terminated));
+        let numbers = format!("{} of {} rows with which an episode terminated", count(terminated - kept), count(terminated));
         judgement.name("terminated_never_stored", numbers);
     }
     if cut == 0 && !judgement.has(&["next_is_reset"]) {
@@ -256,7 +252,7 @@ fn ages(trace: &Trace, origins: &[Origin], episodes: &Episodes, minibatches: &[M
     // The steps of each minibatch, where all but a few are known.
     let known: Vec<(&Minibatch, Vec<usize>)> = minibatches
         .iter()
-        .map(|one| (one, spans(&origins[one.rows.clone()]).map(|(_, first, _)| first).collect::<Vec<_>>()))
+        .map(|one| (one, spans(&origins[one.rows.clone()]).map(|span| span.first).collect::<Vec<_>>()))
         .filter(|(one, firsts)| firsts.len() * 10 >= one.size() * 9)
         .collect();
     too_early(minibatches, origins, judgement);
@@ -277,7 +273,7 @@ fn ages(trace: &Trace, origins: &[Origin], episodes: &Episodes, minibatches: &[M
     let sampled: usize = half.iter().map(|(_, firsts)| firsts.len()).sum();
     let are_old = half.iter().all(|(one, _)| one.steps * 10 > latest * 13);
     if newest >= ENOUGH && newest * 10 >= late.len() * 9 {
-        judgement.name("samples_only_newest", format!("so are {} of {} minibatches", count(newest), count(late.len())));
+        judgement.name("samples_only_newest", format!("{} of {} minibatches", count(newest), count(late.len())));
     } else if half.len() >= ENOUGH && sampled >= 100 && are_old && latest > 0 {
         let numbers = format!("of {} rows none is newer than step {}, up to step {}", count(sampled), count(latest + 1), count(steps));
         judgement.name("samples_only_oldest", numbers);
@@ -296,7 +292,7 @@ fn ages(trace: &Trace, origins: &[Origin], episodes: &Episodes, minibatches: &[M
 /// More rows in the first minibatch than there are steps.
 fn too_early(minibatches: &[Minibatch], origins: &[Origin], judgement: &mut Judgement) {
     let Some(first) = minibatches.first() else { return };
-    let firsts: Vec<_> = spans(&origins[first.rows.clone()]).map(|(_, first, _)| first).collect();
+    let firsts: Vec<_> = spans(&origins[first.rows.clone()]).map(|span| span.first).collect();
     let distinct: BTreeSet<_> = firsts.iter().collect();
     if firsts.len() == first.size() && first.steps < first.size() && distinct.len() < first.size() {
         judgement.name(

@@ -13,8 +13,8 @@ const MAX_STEPS: usize = 200;
 /// What a row of a minibatch is, by the steps that were recorded before its update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Origin {
-    /// From the observation of the first step to the next observation of the last: of one step, or of several of an episode.
-    Steps { first: usize, last: usize },
+    /// From the observation of the first step to the next observation of the last one, `between` steps of the episode later.
+    Steps { first: usize, last: usize, between: usize },
     /// s′ is s, which no step has done.
     Same,
     /// From an observation after which this step ended the episode, to the start of the next one.
@@ -84,9 +84,10 @@ fn origin(trace: &Trace, seen: &Index, reached: &Index, s: &[f32], next: &[f32],
     let steps = &trace.steps;
     let back = |last: usize| {
         let in_episode = |row: &usize| steps.previous[*row].filter(|_| steps.reset[*row] == 0);
-        std::iter::successors(Some(last), in_episode).take(MAX_STEPS).find(|row| steps.observation.row(*row) == s)
+        let mut rows = std::iter::successors(Some(last), in_episode).take(MAX_STEPS).enumerate();
+        rows.find(|(_, row)| steps.observation.row(*row) == s)
     };
-    let found = |last: usize| Some(Origin::Steps { first: back(last)?, last });
+    let found = |last: usize| back(last).map(|(between, first)| Origin::Steps { first, last, between });
     if let Some(origin) = reached.find(next, until).find_map(found) {
         return origin;
     }

@@ -34,7 +34,7 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
     let equal = (0..all).filter(|&update| is_copy(updates, update)).count();
     if trace.header.same_object || (all >= ENOUGH && learned * 2 > all && equal * 100 >= all * 98) {
         let object = if trace.header.same_object { "; they are one object" } else { "" };
-        judgement.name("target_is_online", format!("so it does at {} of {}{object}", count(equal), counted(all, "update")));
+        judgement.name("target_is_online", format!("at {} of {}{object}", count(equal), counted(all, "update")));
         return;
     }
     let changes = changes(updates);

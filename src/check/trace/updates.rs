@@ -4,11 +4,12 @@ use std::collections::BTreeSet;
 
 use super::super::catalogue::Stage;
 use super::super::file::{Settings, Update};
+use super::super::reference::{Reference, Variant};
+use super::super::rounding::{agrees, forward};
 use super::super::verdict::{QuantityState, Verdict, check_with};
 use super::ends::Episodes;
 use super::file::{Trace, Whole};
 use super::{Judgement, LoopMistake, Named, count, counted, median};
-use crate::check::rounding::forward;
 use crate::nn::{Loss, Mlp};
 
 /// Updates that are enough to speak of all of them.
@@ -17,6 +18,10 @@ const ENOUGH: usize = 20;
 const BEYOND: f64 = 5.0;
 /// Whole updates that are judged.
 const JUDGED: usize = 3;
+/// Weights times transitions up to which so many are judged; of larger ones one.
+const MAX_PRODUCTS: usize = 1 << 24;
+/// What γ may be where it was not told.
+const GAMMAS: [f64; 8] = [0.99, 0.95, 0.9, 0.98, 0.999, 0.995, 0.97, 1.0];
 
 pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let (updates, steps) = (&trace.updates, trace.steps.action.len());
@@ -137,19 +142,26 @@ pub(super) fn judge_whole(trace: &Trace, judgement: &mut Judgement, progress: &(
     first_steps(&updates, judgement);
     let mut order = vec![updates.len() - 1, 0, updates.len() / 2];
     order.dedup();
-    let mut equal = 0;
-    for &index in order.iter().take(JUDGED) {
+    let (_, first) = &updates[0];
+    let is_large = first.online.parameters().len() * first.batch.rewards.len() > MAX_PRODUCTS;
+    let (mut equal, mut settings) = (0, trace.settings);
+    for &index in order.iter().take(if is_large { 1 } else { JUDGED }) {
         let number = updates[index].0.number;
-        let Some((update, verdict)) = checked(trace, updates[index].0, progress) else { continue };
-        if verdict.equal {
-            equal += 1;
-            continue;
+        let Some(update) = as_told(trace, updates[index].0) else { continue };
+        let verdict = check_with(&update, progress);
+        if !verdict.equal {
+            explain(number, &verdict, trace, judgement);
+            break;
         }
-        explain(number, &update, &verdict, trace, judgement);
-        break;
+        equal += 1;
+        settings = update.settings;
     }
     if equal > 0 {
-        judgement.fact(format!("{} computed again: equal in what was recorded of them", counted(equal, "whole update")));
+        let loss = if settings.loss == Loss::Mse { "mse" } else { "huber" };
+        let double = if settings.double { ", double" } else { "" };
+        judgement.fact(format!(
+            "{} computed again and equal, with gamma {}, loss {loss}{double}", counted(equal, "update"), settings.gamma
+        ));
     }
 }
 
@@ -167,6 +179,8 @@ fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
                 count(whole.number + 1), count(dead), layer + 1, counted(outputs.nrows(), "observation")
             );
             judgement.name("units_die", numbers);
+            // It follows.
+            judgement.mistakes.retain(|named| named.mistake.id != "layer_never_changes");
             return;
         }
         all += outputs.ncols();
@@ -197,40 +211,34 @@ fn first_steps(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
     }
 }
 
-/// An update and its verdict. What the recorder was not told is taken as it makes the update equal, if it can.
-fn checked(trace: &Trace, whole: &Whole, progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> Option<(Update, Verdict)> {
+/// An update under the settings that were told. What was not told is as it makes targets and loss equal, if it can.
+fn as_told(trace: &Trace, whole: &Whole) -> Option<Update> {
     let told = |name: &str| trace.told.iter().any(|told| told == name);
     let has_adam = told("learning_rate") && whole.update(trace.settings, |_| true, false)?.adam.steps > 0;
     let is_kept = |name: &str| has_adam || !(name.starts_with("adam.") || name.starts_with("result.online."));
     let losses = if told("loss") { vec![trace.settings.loss] } else { vec![Loss::Mse, Loss::Huber] };
     let doubles = if told("double") { vec![trace.settings.double] } else { vec![false, true] };
+    let gammas = if told("gamma") { vec![trace.settings.gamma] } else { GAMMAS.to_vec() };
     let mut first = None;
-    for target_is_after in [false, true] {
-        for &loss in &losses {
-            for &double in &doubles {
-                let settings = Settings { loss, double, ..trace.settings };
-                let Some(update) = whole.update(settings, is_kept, target_is_after) else { continue };
-                // The search for mistakes takes long: it is for the settings as they were told.
-                let is_equal = equal_in_targets_and_loss(&update);
-                if is_equal || first.is_none() {
-                    first = Some(update);
-                }
-                if is_equal {
-                    let update = first?;
-                    let verdict = check_with(&update, progress);
-                    return Some((update, verdict));
+    for &gamma in &gammas {
+        for &double in &doubles {
+            for &loss in &losses {
+                let settings = Settings { gamma, loss, double, ..trace.settings };
+                // A soft update may come before or after the targets are computed.
+                for target_is_after in [false, true] {
+                    let Some(update) = whole.update(settings, is_kept, target_is_after) else { continue };
+                    if equal_in_targets_and_loss(&update) {
+                        return Some(update);
+                    }
+                    first = first.or(Some(update));
                 }
             }
         }
     }
-    let update = first?;
-    let verdict = check_with(&update, progress);
-    Some((update, verdict))
+    first
 }
 
 fn equal_in_targets_and_loss(update: &Update) -> bool {
-    use super::super::reference::{Reference, Variant};
-    use super::super::rounding::agrees;
     let (reference, right) = (Reference::new(update), Variant::right(update));
     let targets = reference.targets(&right);
     let loss = reference.loss(&right, &targets);
@@ -240,7 +248,7 @@ fn equal_in_targets_and_loss(update: &Update) -> bool {
 }
 
 /// What is wrong with an update, as far as the recorder was told how it should be.
-fn explain(number: usize, update: &Update, verdict: &Verdict, trace: &Trace, judgement: &mut Judgement) {
+fn explain(number: usize, verdict: &Verdict, trace: &Trace, judgement: &mut Judgement) {
     let differing = |state: QuantityState| verdict.quantities.iter().filter(move |quantity| quantity.state == state);
     let place = format!("update {}", count(number + 1));
     if let Some(unexplained) = differing(QuantityState::Different).next() {
@@ -266,5 +274,4 @@ fn explain(number: usize, update: &Update, verdict: &Verdict, trace: &Trace, jud
         let mistake = LoopMistake { id: mistake.id, what: mistake.what, why: mistake.why, mend: mistake.mend };
         judgement.mistakes.push(Named { mistake, numbers });
     }
-    let _ = update;
 }
