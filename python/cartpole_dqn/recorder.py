@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import json
+import math
 import os
 import sys
 import zlib
@@ -50,15 +51,20 @@ class Recorder:
         """
         self._path = os.fspath(path)
         self._said: dict[str, str] = {}
-        self._settings = {name: value for name, value in settings.items() if name in SETTINGS or name == "environment"}
-        for name in settings:
-            if name not in self._settings:
-                self._say(f"there is no setting {shown(name)}, so it is left out; the settings are {', '.join(SETTINGS)}, environment")
+        self._settings: dict[str, Any] = {}
+        for name, value in settings.items():
+            try:
+                if name not in (*SETTINGS, "environment"):
+                    raise ValueError(f"there is none of that name, only {', '.join(SETTINGS)}, environment")
+                self._settings[name] = json.loads(json.dumps(value, default=_number))
+            except (TypeError, ValueError) as error:
+                self._say(f"setting {shown(name)}: {error}")
         self._environments: list[_Environment] = []
         self._steps = _Table(MAX_STEPS)
         self._updates = _Table(MAX_STEPS)
         self._acting: tuple[Any, Any] = (None, None)
         self._learning = _Learning()
+        self._none_told = np.empty(0, np.float32)
         self._next_write = FIRST_WRITE
         self._is_open = True
         atexit.register(self.close)
@@ -123,34 +129,37 @@ class Recorder:
 
     def _keep_acting(self, q_values: Any, epsilon: Any) -> None:
         q = None if q_values is None else np.array(_numbers(q_values), np.float32)
-        self._acting = (q, None if epsilon is None else float(np.asarray(_numbers(epsilon)).ravel()[0]))
+        self._acting = (q, None if epsilon is None else _number_of(epsilon))
 
-    def _keep_steps(self, rows: Mapping[str, np.ndarray]) -> None:
-        """Writes down a step of one or several environments: arrays with a row for each."""
+    def _keep_steps(self, before: np.ndarray, after: np.ndarray, place: Optional[np.ndarray], *columns: Any) -> None:
+        """Writes down a step: of one environment, or of those of a vector at these places, with a row for each. The columns are
+        action, reward, terminated, truncated, and whether a reset came before."""
         (q, epsilon), self._acting = self._acting, (None, None)
-        if not len(rows["action"]):
-            return
         if not self._steps.fields:
-            size, actions = rows["observation"].shape[1], self._num_actions() or (0 if q is None else q.shape[-1])
+            size, actions = before.shape[-1], self._num_actions() or (0 if q is None else q.shape[-1])
             if size > MAX_OBSERVATION:
                 raise ValueError(f"observations of {size} numbers; at most {MAX_OBSERVATION}")
             self._steps.limit = min(MAX_STEPS, MAX_NUMBERS // (2 * size + actions))
+            self._none_told = np.full(actions, np.nan, np.float32)
             self._steps.begin(
                 [
-                    ("observation", "f4", (size,)), ("next_observation", "f4", (size,)), ("q_values", "f4", (actions,)), ("reward", "f8"),
-                    ("epsilon", "f4"), ("action", "i4"), ("environment", "u4"), ("terminated", "?"), ("truncated", "?"), ("reset", "u1"),
+                    ("observation", "f4", (size,)), ("next_observation", "f4", (size,)), ("action", "i4"), ("reward", "f8"),
+                    ("terminated", "?"), ("truncated", "?"), ("reset", "u1"), ("environment", "u4"), ("q_values", "f4", (actions,)),
+                    ("epsilon", "f4"),
                 ]
             )  # fmt: skip
-        count, fields = len(rows["action"]), self._steps.fields
-        if rows["observation"].shape[1:] != fields["observation"]:
-            raise ValueError(f"observations of {rows['observation'].shape[1]} numbers after those of {fields['observation'][0]}")
-        (actions,) = fields["q_values"]
-        chosen = np.full((count, actions), np.nan, np.float32)
-        if q is not None and q.size == rows["environments"][0] * actions:
-            chosen[:] = q.reshape(-1, actions)[rows["place"]]
+        if before.shape[-1:] != self._steps.fields["observation"]:
+            raise ValueError(f"observations of {before.shape[-1]} numbers after those of {self._steps.fields['observation'][0]}")
+        actions = len(self._none_told)
+        chosen = self._none_told
+        if q is not None and q.size == actions:
+            chosen = q.reshape(actions)
+        elif q is not None and place is not None and q.shape == (self._environments[-1]._count, actions):
+            chosen = q[place]
         elif q is not None:
             self._say(f"Q-values of shape {q.shape}, expected ({actions},) or (environments, {actions})")
-        if not self._steps.append({**rows, "q_values": chosen, "epsilon": np.nan if epsilon is None else epsilon}, count):
+        row = (before, after, *columns, 0 if place is None else place, chosen, np.nan if epsilon is None else epsilon)
+        if not self._steps.append(row, None if place is None else len(place)):
             self._say(f"steps and updates after step {len(self._steps)}, which is as much as a file holds", "full")
         self._write_now_and_then()
 
@@ -167,40 +176,38 @@ class Recorder:
             self._say("a target network: `learned` was given none", "target")
         learning.same_object |= target is online
         if _is_keras(online) and not self._updates.fields:
-            self._settings = {"epsilon": 1e-7, "epsilon_place": "tensorflow", **self._settings}
+            self._settings.setdefault("epsilon", 1e-7)
+            self._settings.setdefault("epsilon_place", "tensorflow")
         networks = [learning.fingerprint("online", online), None if target is None else learning.fingerprint("target", target)]
         if not self._updates.fields:
-            tensors = len(networks[0][0])
-            checksums, samples = ("u4", (tensors,)), ("f4", (len(networks[0][1]),))
+            checksums, samples = ("u4", (2,)), ("f4", (len(networks[0][1]),))
             self._updates.begin(
                 [
                     ("step", "i8"), ("online", *checksums), ("target", *checksums), ("online_sample", *samples), ("target_sample", *samples),
                     ("loss", "f8"), ("largest_target", "f8"), ("batch_size", "i4"), ("optimizer_steps", "i8"),
                 ]
             )  # fmt: skip
-        row: dict[str, Any] = {"step": steps, "target_sample": np.nan, "optimizer_steps": -1}
-        for name, network in zip(("online", "target"), networks):
-            if network is not None:
-                row[name], row[f"{name}_sample"] = network
-        if optimizer is not None and (moments := _optimizer_steps(optimizer)) is not None:
-            row["optimizer_steps"] = moments
-        row["loss"] = np.nan if loss is None else _or_infinite(float(np.asarray(_numbers(loss)).ravel()[0]))
-        y = None if targets is None else np.asarray(_numbers(targets)).ravel()
-        row["largest_target"] = np.nan if y is None or not y.size else _or_infinite(float(np.abs(y).max()))
         number = len(self._updates)
         is_due = learning.batches.is_due(number) or learning.before is not None
+        moments = None if optimizer is None else _optimizer_steps(optimizer)
+        error = np.nan if loss is None else _or_infinite(_number_of(loss))
+        # Every fourth tells enough of the targets.
+        y = None if targets is None or not (is_due or number % 4 == 0) else np.asarray(_numbers(targets)).ravel()
+        largest = np.nan if y is None or not y.size else _or_infinite(float(max(y.max(), -y.min())))
         arrays = self._batch(batch) if is_due and batch is not None else None
         actions = None if batch is None else batch.get("actions")
-        row["batch_size"] = 0 if actions is None else len(actions)
-        if not self._updates.append(row, 1):
+        size = 0 if actions is None else len(actions)
+        (online_sums, online_sample), (target_sums, target_sample) = networks[0], networks[1] or (0, np.nan)
+        row = (steps, online_sums, target_sums, online_sample, target_sample, error, largest, size, -1 if moments is None else moments)
+        if not self._updates.append(row):
             self._say(f"updates after update {number}, which is as many as a file holds", "full")
         if arrays is not None and learning.batches.is_due(number):
             kept = {name: _array(array).reshape(len(arrays["actions"]), -1) for name, array in arrays.items()}
-            if y is not None and len(y) == row["batch_size"]:
+            if y is not None and len(y) == size:
                 kept["targets"] = _array(y)[:, None]
             learning.batches.keep(number, kept)
-            learning.batches.limit = min(MAX_BATCHES, max(10, MAX_ROWS // max(row["batch_size"], 1)))
-        self._keep_whole_update(number, online, target, arrays, y, row["loss"], optimizer)
+            learning.batches.limit = min(MAX_BATCHES, max(10, MAX_ROWS // max(size, 1)))
+        self._keep_whole_update(number, online, target, arrays, y, error, optimizer)
         self._write_now_and_then()
 
     def _keep_whole_update(
@@ -275,11 +282,12 @@ class Recorder:
         for number, update in self._learning.updates.kept.items():
             file.update({f"update.{number}.{name}": array for name, array in update.items()})
         env = self._environments[-1] if self._environments else None
-        spec = getattr(env, "spec", None)
+        inner = next(iter(getattr(env, "envs", None) or ()), None)
+        spec = getattr(env, "spec", None) or getattr(inner, "spec", None)
         facts = {
             "version": VERSION,
             "closed": is_closed,
-            "environment": str(getattr(spec, "id", "") or self._settings.get("environment", "")),
+            "environment": str(self._settings.get("environment") or getattr(spec, "id", "")),
             "environments": max((recorded._count for recorded in self._environments), default=0),
             "max_episode_steps": getattr(spec, "max_episode_steps", None),
             "actions": self._num_actions() if env is not None else 0,
@@ -291,7 +299,8 @@ class Recorder:
         metadata = {"trace": json.dumps(facts, default=_number), "settings": json.dumps(settings, default=_number)}
         temporary = f"{self._path}.{os.getpid()}.tmp"
         try:
-            _tensors.write(temporary, file, metadata)
+            # A file that is cut off later still has the steps.
+            _tensors.write(temporary, file, metadata, "steps.")
             os.replace(temporary, self._path)
         except OSError:
             if os.path.exists(temporary):
@@ -320,20 +329,18 @@ class _Table:
         self.fields = {field[0]: field[2] if len(field) > 2 else () for field in fields}
         self.places = [self.rows[name] for name in self.fields]
 
-    def append(self, row: Mapping[str, Any], count: int) -> bool:
-        """Adds rows; False if they do not fit any more."""
-        start, end = self.length, self.length + count
+    def append(self, row: tuple[Any, ...], count: Optional[int] = None) -> bool:
+        """Adds a row, or several of which the values are arrays, in the order of the fields; False if there is no room."""
+        start, end = self.length, self.length + (1 if count is None else count)
         if end > self.limit:
             self.limit = self.length
             return False
         while end > len(self.rows):
             self.rows = np.concatenate([self.rows, np.zeros_like(self.rows)])
             self.places = [self.rows[name] for name in self.fields]
-        at: Any = start if count == 1 else slice(start, end)
-        for name, place in zip(self.fields, self.places):
-            value = row.get(name)
-            if value is not None:
-                place[at] = value[0] if count == 1 and isinstance(value, np.ndarray) and value.ndim > len(self.fields[name]) else value
+        at: Any = start if count is None else slice(start, end)
+        for place, value in zip(self.places, row):
+            place[at] = value
         self.length = end
         return True
 
@@ -368,42 +375,62 @@ class _Learning:
     def __init__(self) -> None:
         self.names: list[str] = []
         self.same_object = False
-        self.samples: dict[str, list[np.ndarray]] = {}
-        self.torch: dict[str, tuple[Any, int, list[Any]]] = {}
+        self.torch: dict[str, tuple[list[Any], int, list[_Tensor]]] = {}
+        self.modules: dict[str, Any] = {}
         self.before: Optional[dict[str, np.ndarray]] = None
         self.batches = _Kept(MAX_BATCHES, 10, 4)
         # Update 0 has no network before it.
         self.updates = _Kept(MAX_UPDATES, 3, 16)
 
     def fingerprint(self, name: str, network: Any) -> tuple[list[int], np.ndarray]:
-        """A checksum of each tensor, and some of the weights."""
-        arrays = self._arrays(name, network)
-        if len(arrays) != len(self.names):
-            raise ValueError(f"the {name} network has {len(arrays)} tensors after one of {len(self.names)}")
-        share = -(-SAMPLES // len(arrays))
-        places = self.samples.get(name)
-        if places is None or len(places) != len(arrays):
-            places = [np.unique(np.linspace(0, array.size - 1, min(share, array.size)).astype(int)) for array in arrays]
-            self.samples[name] = places
-        flat = [array.reshape(-1) for array in arrays]
-        sample = np.concatenate([array[place] for array, place in zip(flat, places)]) if flat else np.empty(0)
-        return [_checksum(array) for array in flat], sample[:SAMPLES].astype(np.float32)
-
-    def _arrays(self, name: str, network: Any) -> list[np.ndarray]:
-        """The network's arrays, in the order of the layers."""
+        """Checksums of two tensors, and some of their weights."""
         if _is_torch(network):
-            known = self.torch.get(name)
-            # Modules are asked again now and then: their parameters may have been exchanged.
-            if known is None or known[0] is not network or known[1] == 0:
-                parameters = list(network.named_parameters())
-                self.names = self.names or [key for key, _ in parameters]
-                known = (network, 100, [value for _, value in parameters])
-            self.torch[name] = (known[0], known[1] - 1, known[2])
-            return [value.detach().cpu().numpy() for value in known[2]]
-        leaves = list(_leaves(network))
-        if not self.names:
-            self.names = [key or str(index) for index, (key, _) in enumerate(leaves)]
-        return [np.asarray(_numbers(leaf)) for _, leaf in leaves]
+            tensors = self._torch_tensors(name, network)
+        else:
+            leaves = list(_leaves(network))
+            self.names = self.names or [key or str(index) for index, (key, _) in enumerate(leaves)]
+            tensors = [_Tensor(np.asarray(_numbers(leaf))) for _, leaf in leaves]
+        if len(tensors) != len(self.names):
+            raise ValueError(f"the {name} network has {len(tensors)} tensors after one of {len(self.names)}")
+        # The weights of the first layer and of the last: of all it would take too long.
+        ends = (tensors[0], tensors[-2] if len(tensors) > 1 else tensors[0])
+        return [tensor.checksum() for tensor in ends], np.concatenate([tensor.sample() for tensor in ends])
+
+    def _torch_tensors(self, name: str, network: Any) -> list[_Tensor]:
+        """Those of a module of PyTorch. Of tensors on the CPU the views are kept as long as the memory is the same."""
+        parameters, calls, tensors = self.torch.get(name, ([], 0, []))
+        # The module is asked again now and then: its parameters may have been exchanged.
+        if calls % 64 == 0 or not parameters or self.modules.get(name) is not network:
+            named = list(network.named_parameters())
+            self.names = self.names or [key for key, _ in named]
+            parameters, tensors, self.modules[name] = [value for _, value in named], [], network
+        if [tensor.address for tensor in tensors] != [value.data_ptr() for value in parameters] or parameters[0].is_cuda:
+            tensors = [_Tensor(value.detach().cpu().numpy(), value.data_ptr()) for value in parameters]
+        self.torch[name] = (parameters, calls + 1, tensors)
+        return tensors
+
+
+class _Tensor:
+    """An array of a network, as far as fingerprints need it."""
+
+    def __init__(self, array: np.ndarray, address: int = 0) -> None:
+        self.address = address
+        self.flat = array.reshape(-1)
+        data = np.ascontiguousarray(self.flat).view(np.uint8)
+        self.parts = [memoryview(data)]
+        if data.size > 2 * CHECKSUM_BYTES:
+            self.parts = [memoryview(data[:CHECKSUM_BYTES]), memoryview(data[-CHECKSUM_BYTES:])]
+        count = min(SAMPLES // 2, data.size and len(self.flat))
+        self.places = np.linspace(0, max(len(self.flat) - 1, 0), count).astype(int)
+
+    def checksum(self) -> int:
+        value = 0
+        for part in self.parts:
+            value = zlib.crc32(part, value)
+        return value
+
+    def sample(self) -> np.ndarray:
+        return self.flat.take(self.places)
 
 
 class _Environment:
@@ -458,10 +485,13 @@ class _Environment:
 
     def _keep_action(self, action: Any) -> None:
         self.__dict__["_action"] = None
+        if type(action) is int and not self._is_vector:
+            self.__dict__["_action"] = action
+            return
         actions = np.array(_numbers(action))
         if actions.dtype.kind not in "iub" or actions.size != self._count:
             raise ValueError(f"an action is {shown(action)}; it must be a whole number for each environment")
-        self.__dict__["_action"] = actions.reshape(-1)
+        self.__dict__["_action"] = actions.reshape(-1) if self._is_vector else int(actions.reshape(-1)[0])
 
     def _rows(self, observations: Any) -> np.ndarray:
         """A copy, [environments, n]."""
@@ -485,15 +515,21 @@ class _Environment:
             observations, rewards, done, info = said
             terminated, truncated = (done, False) if not info.get("TimeLimit.truncated") else (False, True)
         rows = self._rows(observations)
-        flags = [np.array(_numbers(flag), bool).reshape(-1) for flag in (terminated, truncated)]
         before, self._last = self._last, rows
         if before is None or action is None:
             return
+        if not self._is_vector:
+            # Who resets is the user, before the next step.
+            flags = (bool(terminated), bool(truncated))
+            self._recorder._keep_steps(before[0], rows[0], None, action, _number_of(rewards), *flags, self._resets[0])
+            self._resets[0] = 0
+            return
+        flags = [np.array(_numbers(flag), bool).reshape(-1) for flag in (terminated, truncated)]
         after, resets, ended = rows, np.zeros(self._count, np.uint8), flags[0] | flags[1]
         # Gymnasium's vectors reset by themselves: in the same step, which keeps the last observation in `info`, or in the next
         # one, which is then no step of the task. Where the user does it, `_is_over` is false by then.
         passed = np.ones(self._count, bool)
-        mode = self._mode(info) if self._is_vector else "disabled"
+        mode = self._mode(info)
         if mode == "next_step":
             passed = ~self._is_over
             resets[~passed] = 1
@@ -504,14 +540,10 @@ class _Environment:
                 after[index] = np.asarray(_numbers(final[index]), np.float32).reshape(-1)
             resets[ended] = 1
         place = np.flatnonzero(passed)
-        self._recorder._keep_steps(
-            {
-                "observation": before[place], "next_observation": after[place], "action": action[place], "place": place,
-                "reward": np.array(_numbers(rewards), np.float64).reshape(-1)[place], "terminated": flags[0][place],
-                "truncated": flags[1][place], "reset": self._resets[place], "environments": np.array([self._count]),
-                "environment": place,
-            }
-        )  # fmt: skip
+        rewards = np.array(_numbers(rewards), np.float64).reshape(-1)
+        columns = (action, rewards, *flags, self._resets)
+        if len(place):
+            self._recorder._keep_steps(before[place], after[place], place, *(column[place] for column in columns))
         self._is_over = ended & passed
         self._resets = resets
 
@@ -525,6 +557,8 @@ class _Environment:
 
 def _numbers(value: Any) -> Any:
     """What NumPy makes an array of: of a tensor of another library its numbers."""
+    if type(value) is np.ndarray:
+        return value
     if hasattr(value, "detach"):
         value = value.detach().cpu()
         value = value.float() if str(value.dtype) in ("torch.bfloat16", "torch.float16") else value
@@ -533,15 +567,16 @@ def _numbers(value: Any) -> Any:
 
 def _or_infinite(value: float) -> float:
     """NaN stands for what was not told."""
-    return value if np.isfinite(value) else np.inf
+    return value if math.isfinite(value) else math.inf
 
 
-def _checksum(flat: np.ndarray) -> int:
-    """Of the bytes at both ends of an array."""
-    data = np.ascontiguousarray(flat).view(np.uint8)
-    if data.size <= 2 * CHECKSUM_BYTES:
-        return zlib.crc32(data)
-    return zlib.crc32(data[-CHECKSUM_BYTES:], zlib.crc32(data[:CHECKSUM_BYTES]))
+def _number_of(value: Any) -> float:
+    """A number, or the first of an array."""
+    if isinstance(value, (float, int)):
+        return float(value)
+    if getattr(value, "size", 0) == 1 or hasattr(value, "requires_grad"):
+        return float(value.item())
+    return float(np.asarray(_numbers(value)).reshape(-1)[0])
 
 
 def _optimizer_steps(optimizer: Any) -> Optional[int]:

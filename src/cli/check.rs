@@ -10,10 +10,10 @@ use serde::Serialize;
 use super::check_trace::{self, INDENT, put};
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
+use crate::check::trace;
 use crate::check::{
     EpsilonPlace, Explained, Judged, QuantityState, Settings, Stage, Update, Verdict, check_with,
 };
-use crate::check::trace;
 use crate::files::{read_limited, read_rest};
 use crate::nn::Loss;
 use crate::text::shown;

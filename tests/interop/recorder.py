@@ -8,8 +8,8 @@
 Needs numpy and gymnasium."""
 
 import argparse
+import io
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -304,6 +304,99 @@ def judged(binary, path):
     return names, verdict
 
 
+def require(condition, message):
+    if not condition:
+        sys.exit(f"FAILED: {message}")
+
+
+def nothing_raises_and_nothing_is_changed(directory):
+    """Whatever the recorder is given, the loop goes on as without it."""
+    said, sys.stderr = sys.stderr, io.StringIO()
+    try:
+        env = Recorder(f"{directory}/missing/x.trace", gama=1, gamma=object()).environment(gymnasium.make("CartPole-v1"))
+        require(isinstance(env, gymnasium.Env) and env.unwrapped.gravity == 9.8, "the environment is another one")
+        gymnasium.wrappers.RecordEpisodeStatistics(env).reset(seed=1)
+        for wrong in (None, "x", object(), [1, "x"], np.ones((3, 0)), float("nan"), {}):
+            recorder = Recorder(f"{directory}/wrong.trace")
+            env = recorder.environment(gymnasium.make("CartPole-v1"))
+            env.reset(seed=1)
+            recorder.acting(wrong, wrong)
+            env.step(0)
+            for place in range(6):
+                recorder.learned(*[wrong if place == other else None for other in range(6)])
+                recorder.learned(*[wrong if place == other else [np.ones((4, 2)), np.ones(2)] for other in range(6)])
+            recorder.close()
+            recorder.learned(wrong)
+            env.step(1)
+        text = sys.stderr.getvalue()
+        require(0 < len(text.splitlines()) < 60 and "Traceback" not in text, text)
+    finally:
+        sys.stderr = said
+    # The same run with and without a recorder.
+    ends = []
+    for path in (f"{directory}/own.trace", None):
+        np.random.seed(3)
+        recorder = Recorder(path) if path else None
+        env = gymnasium.make("CartPole-v1")
+        env = recorder.environment(env) if path else env
+        env.action_space.seed(5)
+        learner, states = Learner(np.random.default_rng(1), [4, 8, 2]), [env.reset(seed=9)[0]]
+        for step in range(300):
+            said = env.step(env.action_space.sample())
+            states.append(said[0] if not (said[2] or said[3]) else env.reset()[0])
+            states[-1] += np.float32(0.25)  # An array that is changed in place is the user's business.
+            batch = batch_of([(states[-2], 0, 1.0, states[-1], False, False, GAMMA)] * 4, range(4))
+            copies = {name: array.copy() for name, array in batch.items()}
+            y, loss = learner.update(batch)
+            if recorder:
+                recorder.learned(learner.online, learner.target, batch, y, loss)
+            require(all((batch[name] == copies[name]).all() for name in batch), "a batch was changed")
+        ends.append((np.random.random(), env.action_space.sample(), np.array(states).tobytes(), learner.online[0].tobytes()))
+        if recorder:
+            recorder.close()
+    require(ends[0] == ends[1], "the run with a recorder is another one")
+    print("nothing raises, and nothing is changed")
+
+
+def networks_of_all_forms_are_the_same(directory):
+    """A list, a tree as JAX has them, and a model as Keras has them leave the same file, apart from the names of their tensors."""
+
+    class Model:
+        def __init__(self, network):
+            variable = lambda value: type("Variable", (), {"name": "v", "numpy": lambda self: value})()
+            self.weights = self.trainable_variables = [variable(value) for value in network]
+
+    tree = lambda network: {"params": {f"Dense_{i}": {"bias": network[2 * i + 1], "kernel": network[2 * i]} for i in range(12)}}
+    files = []
+    for form in (list, tree, Model):
+        rng = np.random.default_rng(1)
+        learner = Learner(rng, [4] * 12 + [2])
+        recorder = Recorder(f"{directory}/form.trace", gamma=GAMMA, epsilon=1e-7, epsilon_place="tensorflow")
+        for _ in range(40):
+            row = lambda: (rng.normal(size=4), rng.integers(2), 1.0, rng.normal(size=4), False, False, GAMMA)
+            batch = batch_of([row() for _ in range(8)], range(8))
+            y, loss = learner.update(batch)
+            recorder.learned(form(learner.online), form(learner.target), batch, y, loss)
+        recorder._learning.names = []
+        recorder.close()
+        files.append(Path(f"{directory}/form.trace").read_bytes())
+    require(files[0] == files[1] == files[2] and b"update.16.online.22.weight" in files[0], "the forms differ")
+    print("networks of all forms are the same")
+
+
+def a_killed_loop_leaves_what_it_did(binary, directory):
+    code = (
+        f"import sys, os; sys.path[:0] = [{str(ROOT / 'tests/interop')!r}]; import recorder, gymnasium; r = recorder.Recorder('killed.trace'); "
+        "env = r.environment(gymnasium.make('CartPole-v1')); env.reset(seed=1)\n"
+        "while True:\n    if any(env.step(env.action_space.sample())[2:4]): env.reset()\n    if len(r._steps) == 3000: os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=directory)
+    names, verdict = judged(binary, f"{directory}/killed.trace")
+    require(not names and any("after step 2,000 is not in the file" in text for text in verdict["not_seen"]), str(verdict))
+    require(not list(Path(directory).glob("killed.trace.*")), "a temporary file is left")
+    print("a killed loop leaves what it did")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", required=True)
@@ -316,6 +409,10 @@ def main():
     binary = str(Path(arguments.binary).resolve())
     failures, named, right = [], {}, 0
     with tempfile.TemporaryDirectory() as directory:
+        if not arguments.only and not arguments.table:
+            nothing_raises_and_nothing_is_changed(directory)
+            networks_of_all_forms_are_the_same(directory)
+            a_killed_loop_leaves_what_it_did(binary, directory)
         for steps in arguments.steps:
             for name, settings in [*MISTAKES.items(), *RIGHT.items()]:
                 if arguments.only and name not in arguments.only:

@@ -47,6 +47,7 @@ mod signals;
 mod simd;
 mod study;
 mod tasks;
+mod trace;
 mod training;
 
 #[cfg(unix)]

@@ -52,7 +52,10 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) -> Episodes {
     let episodes = Episodes::of(trace);
     let steps = &trace.steps;
     if steps.action.is_empty() {
-        judgement.doubt("no environment step was recorded: step the environment that recorder.environment(env) returns".into());
+        judgement.doubt(
+            "no environment step was recorded: step the environment that recorder.environment(env) returns"
+                .into(),
+        );
         return episodes;
     }
     let ended = episodes.returns.len();
@@ -85,20 +88,25 @@ fn steps_after_ends(trace: &Trace, judgement: &mut Judgement) {
         _ => None,
     };
     let ends: Vec<usize> = (0..steps.action.len()).filter_map(|row| after(&row)).collect();
-    let (terminated, truncated): (Vec<usize>, Vec<usize>) = ends.into_iter().partition(|&row| steps.terminated[row]);
+    let (terminated, truncated): (Vec<usize>, Vec<usize>) =
+        ends.into_iter().partition(|&row| steps.terminated[row]);
     let (id, rows, by) = match (terminated.first(), truncated.first()) {
         (Some(_), _) => ("steps_after_the_end", &terminated, "terminated"),
         (None, Some(_)) => ("truncation_ignored", &truncated, "truncated"),
         (None, None) => return,
     };
     let shown = counted(rows.len(), "step");
-    judgement.name(id, format!("{shown} came after {by} without a reset, the first of them is step {}", count(rows[0] + 2)));
+    judgement.name(
+        id,
+        format!("{shown} came after {by} without a reset, the first of them is step {}", count(rows[0] + 2)),
+    );
 }
 
 fn same_starts(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let steps = &trace.steps;
     // The first one may have had another seed.
-    let mut starts = episodes.starts.iter().skip(1).map(|&row| (steps.observation.row(row), steps.reset[row]));
+    let mut starts =
+        episodes.starts.iter().skip(1).map(|&row| (steps.observation.row(row), steps.reset[row]));
     let Some((first, _)) = starts.clone().next() else { return };
     if episodes.starts.len() < 4 || !starts.clone().all(|(start, _)| start == first) {
         return;
@@ -106,7 +114,10 @@ fn same_starts(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let shown = counted(episodes.starts.len() - 1, "episode");
     // A task may have one start; a seed that is given again and again makes it one.
     if starts.all(|(_, reset)| reset == 2) {
-        judgement.name("same_start_every_episode", format!("{shown}, all reset with a seed, start from the same observation"));
+        judgement.name(
+            "same_start_every_episode",
+            format!("{shown}, all reset with a seed, start from the same observation"),
+        );
     } else {
         judgement.fact(format!("all {shown} start from the same observation"));
     }

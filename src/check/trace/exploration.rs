@@ -33,11 +33,19 @@ pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
     let learns_from = trace.updates.step.first().copied();
     let choices = choices(steps, learns_from.unwrap_or(0));
     let told = choices.len() + learns_from.unwrap_or(0);
-    if steps.q_values.width < 2 {
-        judgement.doubt("whether the largest Q-value is followed: recorder.acting(q_values=q, epsilon=epsilon) before env.step shows it".into());
-    } else if told * 100 < steps.action.len() * 99 {
+    let is_told = steps.q_values.width >= 2;
+    if !is_told || !steps.epsilon.iter().any(|value| value.is_finite()) {
+        judgement.doubt(
+            "how actions are chosen: recorder.acting(q_values=q, epsilon=epsilon) before env.step shows it"
+                .into(),
+        );
+    }
+    if is_told && told * 100 < steps.action.len() * 99 {
         judgement.doubt("whether ε is applied: the Q-values of some steps were not told; tell them also where the action is random".into());
-    } else if learns_from.is_some() && !trace.header.tensors.iter().any(|name| name.contains("sigma")) {
+    } else if is_told
+        && learns_from.is_some()
+        && !trace.header.tensors.iter().any(|name| name.contains("sigma"))
+    {
         behaviour(trace, &choices, judgement);
     }
     missed(trace, &choices, judgement);
@@ -47,9 +55,9 @@ pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
 /// What ε does.
 fn schedule(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let epsilon = &trace.steps.epsilon;
-    let told: Vec<(usize, f64)> = epsilon.iter().copied().enumerate().filter(|(_, value)| value.is_finite()).collect();
+    let told: Vec<(usize, f64)> =
+        epsilon.iter().copied().enumerate().filter(|(_, value)| value.is_finite()).collect();
     let (Some(&(_, first)), Some(&(end, last))) = (told.first(), told.last()) else {
-        judgement.doubt("exploration: recorder.acting(epsilon=epsilon) before env.step shows it".into());
         return;
     };
     let least = told.iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
@@ -58,27 +66,43 @@ fn schedule(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
         judgement.fact(format!("ε is {first:.2} at every step"));
         if first >= LARGE && trace.updates.step.len() >= ENOUGH {
             let updates = counted(trace.updates.step.len(), "update");
-            judgement.name("epsilon_never_falls", format!("it is {first:.2} at all of {}, with {updates}", counted(told.len(), "step")));
+            judgement.name(
+                "epsilon_never_falls",
+                format!("it is {first:.2} at all of {}, with {updates}", counted(told.len(), "step")),
+            );
         }
         return;
     }
     let near_end = least + 0.02 * (first - least);
     let reached = told.iter().find(|(_, value)| *value <= near_end).map_or(end, |(row, _)| *row);
-    judgement.fact(format!("ε {first:.2} to {least:.2} over {}, {last:.2} at the end", counted(reached + 1, "step")));
+    judgement.fact(format!(
+        "ε {first:.2} to {least:.2} over {}, {last:.2} at the end",
+        counted(reached + 1, "step")
+    ));
     let steps = || told.windows(2).map(|pair| pair[1].1 - pair[0].1);
-    let (rises, falls) = (steps().filter(|step| *step > 1e-9).count(), steps().filter(|step| *step < -1e-9).count());
+    let (rises, falls) =
+        (steps().filter(|step| *step > 1e-9).count(), steps().filter(|step| *step < -1e-9).count());
     if rises >= 10 && falls == 0 && last - first > 0.05 {
-        judgement.name("epsilon_grows", format!("from {first:.2} to {last:.2}, {} rises and no fall", count(rises)));
+        judgement.name(
+            "epsilon_grows",
+            format!("from {first:.2} to {last:.2}, {} rises and no fall", count(rises)),
+        );
     }
     let low = least + 0.1 * (first - least);
     let Some(at) = told.iter().position(|(_, value)| *value <= low) else { return };
-    let from = told[..at].iter().rposition(|(_, value)| *value >= least + 0.98 * (first - least)).unwrap_or(0);
+    let from =
+        told[..at].iter().rposition(|(_, value)| *value >= least + 0.98 * (first - least)).unwrap_or(0);
     let stays = told[at..].iter().all(|(_, value)| *value <= low);
     let began = episodes.starts.iter().filter(|start| (told[from].0..told[at].0).contains(*start)).count();
     if first >= LARGE && stays && at - from < AT_ONCE.0 && began < AT_ONCE.1 && told.len() - at >= ENOUGH {
         judgement.name(
             "epsilon_falls_at_once",
-            format!("from {first:.2} to {:.2} within {} and {}", told[at].1, counted(at - from, "step"), counted(began, "new episode")),
+            format!(
+                "from {first:.2} to {:.2} within {} and {}",
+                told[at].1,
+                counted(at - from, "step"),
+                counted(began, "new episode")
+            ),
         );
     }
 }
@@ -93,7 +117,11 @@ fn choices(steps: &Steps, from: usize) -> Vec<Choice> {
         let taken = *q.get(steps.action[row])?;
         let largest = q.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let epsilon = steps.epsilon.get(row).copied().unwrap_or(f64::NAN);
-        q.iter().all(|value| value.is_finite()).then_some(Choice { row, epsilon, is_largest: taken >= largest })
+        q.iter().all(|value| value.is_finite()).then_some(Choice {
+            row,
+            epsilon,
+            is_largest: taken >= largest,
+        })
     };
     (from..steps.action.len()).filter_map(choice).collect()
 }
@@ -139,10 +167,10 @@ fn behaviour(trace: &Trace, choices: &[Choice], judgement: &mut Judgement) {
     let greedy_from_the_start = choices.iter().all(|choice| choice.epsilon == 0.0 && choice.is_largest);
     match best {
         _ if greedy_from_the_start => judgement.name("never_explores", format!("{shown}, and ε is 0")),
-        Some((id, likelihood)) if likelihood - right > CLEAR => {
-            if id != "epsilon_not_applied" || largest == all {
-                judgement.name(id, shown);
-            }
+        Some((id, likelihood))
+            if likelihood - right > CLEAR && (id != "epsilon_not_applied" || largest == all) =>
+        {
+            judgement.name(id, shown);
         }
         _ if (share - expected / all as f64).abs() > 0.1 => {
             judgement.doubt(format!("how actions are chosen: {shown}"));
@@ -171,13 +199,19 @@ fn missed(trace: &Trace, choices: &[Choice], judgement: &mut Judgement) {
             choices.iter().map(|choice| choice.row).filter(is_below).collect()
         };
         let taken = rows.iter().filter(|&&row| steps.action[row] == action).count();
-        let epsilon = |row: &usize| steps.epsilon.get(*row).copied().filter(|value| value.is_finite()).unwrap_or(0.0);
+        let epsilon =
+            |row: &usize| steps.epsilon.get(*row).copied().filter(|value| value.is_finite()).unwrap_or(0.0);
         let expected: f64 = rows.iter().map(|row| epsilon(row) / actions as f64).sum();
         let is_never_taken = !steps.action.contains(&action);
         if taken == 0 && expected > CLEAR {
             missing.push((action, expected));
-        } else if is_never_taken && steps.action.len() >= 2 * ENOUGH && !steps.epsilon.iter().any(|value| value.is_finite()) {
-            judgement.doubt(format!("why action {action} is never taken: recorder.acting(q_values=q, epsilon=epsilon) shows it"));
+        } else if is_never_taken
+            && steps.action.len() >= 2 * ENOUGH
+            && !steps.epsilon.iter().any(|value| value.is_finite())
+        {
+            judgement.doubt(format!(
+                "why action {action} is never taken: recorder.acting(q_values=q, epsilon=epsilon) shows it"
+            ));
         }
     }
     if let Some((action, expected)) = missing.first() {
@@ -206,7 +240,12 @@ fn old_observations(trace: &Trace, judgement: &mut Judgement) {
         return;
     }
     if before * 10 >= rows * 9 && now * 2 < rows {
-        let numbers = format!("{} of {} are those of the observation before, {} those of the current one", count(before), count(rows), count(now));
+        let numbers = format!(
+            "{} of {} are those of the observation before, {} those of the current one",
+            count(before),
+            count(rows),
+            count(now)
+        );
         judgement.name("acts_on_an_old_observation", numbers);
     } else {
         judgement.doubt(format!(
@@ -224,7 +263,9 @@ fn compared(trace: &Trace, whole: &Whole) -> Vec<(bool, bool)> {
     let is_kept = |name: &str| !name.starts_with("adam.");
     let Some(update) = whole.update(trace.settings, is_kept, false) else { return Vec::new() };
     let place = |number: usize| updates.get(number).copied();
-    let (Some(from), Some(until), Some(after)) = (place(whole.number), place(whole.number + 1), &update.results.online) else {
+    let (Some(from), Some(until), Some(after)) =
+        (place(whole.number), place(whole.number + 1), &update.results.online)
+    else {
         return Vec::new();
     };
     if after.sizes()[0] != steps.observation.width || after.sizes().last() != Some(&steps.q_values.width) {

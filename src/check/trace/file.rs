@@ -206,8 +206,11 @@ impl Trace {
             return Err(format!("tensor `batches.update` must be below {updates}, the number of updates"));
         }
         match steps + updates {
-            0 if trace.cut.is_none() => Err("holds no step and no update: was `learned` called, or the environment \
-                                             that `recorder.environment` returned stepped?".into()),
+            0 if trace.cut.is_none() => {
+                Err("holds no step and no update: was `learned` called, or the environment \
+                                             that `recorder.environment` returned stepped?"
+                    .into())
+            }
             _ => Ok(trace),
         }
     }
@@ -222,7 +225,8 @@ fn header(text: &str) -> Result<Header, String> {
     match value["version"].as_u64() {
         Some(VERSION) => serde_json::from_value(value).map_err(unread(TRACE)),
         version => {
-            let found = version.map_or_else(|| json!(value["version"]).to_string(), |number| number.to_string());
+            let found =
+                version.map_or_else(|| json!(value["version"]).to_string(), |number| number.to_string());
             Err(format!(
                 "is a trace of version {found}; this program reads version {VERSION}. Install the program and the Python \
                  module of the same release"
@@ -240,20 +244,37 @@ struct Columns<'a> {
 
 impl Columns<'_> {
     /// A column's numbers and the length of its rows; none if the file does not have it.
-    fn column(&mut self, name: &str, rows: Option<usize>, is_finite: bool) -> Result<Option<(Vec<f64>, usize)>, String> {
+    fn column(
+        &mut self,
+        name: &str,
+        rows: Option<usize>,
+        is_finite: bool,
+    ) -> Result<Option<(Vec<f64>, usize)>, String> {
         let Some(view) = self.views.remove(name) else { return Ok(None) };
         let (length, width) = match *view.shape() {
             [length] => (length, 1),
             [length, width] if width <= MAX_WIDTH => (length, width),
-            _ => return Err(format!("tensor `{name}` has the shape {:?}; expected [rows] or [rows, numbers]", view.shape())),
+            _ => {
+                return Err(format!(
+                    "tensor `{name}` has the shape {:?}; expected [rows] or [rows, numbers]",
+                    view.shape()
+                ));
+            }
         };
         if let Some(rows) = rows.filter(|rows| *rows != length) {
             return Err(format!("tensor `{name}` has {length} rows where the other columns have {rows}"));
         }
-        let values = Some(view).filter(|_| length.saturating_mul(width) <= MAX_NUMBERS).and_then(|view| numbers(&view));
-        let values = values.ok_or_else(|| format!("tensor `{name}` is too large, or of a type that is not read"))?;
+        let values = Some(view)
+            .filter(|_| length.saturating_mul(width) <= MAX_NUMBERS)
+            .and_then(|view| numbers(&view));
+        let values =
+            values.ok_or_else(|| format!("tensor `{name}` is too large, or of a type that is not read"))?;
         match values.iter().position(|value| !value.is_finite()).filter(|_| is_finite) {
-            Some(at) => Err(format!("tensor `{name}` holds {} in row {}; expected finite numbers", values[at], at / width)),
+            Some(at) => Err(format!(
+                "tensor `{name}` holds {} in row {}; expected finite numbers",
+                values[at],
+                at / width
+            )),
             None => Ok(Some((values, width))),
         }
     }
@@ -363,9 +384,13 @@ impl Columns<'_> {
         let mut updates: BTreeMap<usize, Whole> = BTreeMap::new();
         for (name, view) in &self.views {
             let parts = name.strip_prefix("update.").and_then(|rest| rest.split_once('.'));
-            if let Some((number, name)) = parts.and_then(|(number, name)| Some((number.parse().ok()?, name))) {
-                let whole = updates.entry(number).or_insert_with(|| Whole { number, tensors: BTreeMap::new() });
-                whole.tensors.insert(name.to_owned(), (view.dtype(), view.shape().to_vec(), view.data().to_vec()));
+            if let Some((number, name)) = parts.and_then(|(number, name)| Some((number.parse().ok()?, name)))
+            {
+                let whole =
+                    updates.entry(number).or_insert_with(|| Whole { number, tensors: BTreeMap::new() });
+                whole
+                    .tensors
+                    .insert(name.to_owned(), (view.dtype(), view.shape().to_vec(), view.data().to_vec()));
             }
         }
         updates.into_values().collect()

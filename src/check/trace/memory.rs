@@ -45,7 +45,9 @@ fn minibatches(trace: &Trace) -> Vec<Minibatch> {
 pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &mut Judgement) {
     let minibatches = minibatches(trace);
     if minibatches.is_empty() {
-        judgement.doubt("no minibatch was recorded, so nothing is said of the memory: give `learned` the batch".into());
+        judgement.doubt(
+            "no minibatch was recorded, so nothing is said of the memory: give `learned` the batch".into(),
+        );
         return;
     }
     repeated(trace, &minibatches, judgement);
@@ -79,11 +81,16 @@ pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judg
 /// Minibatches of one transition.
 fn repeated(trace: &Trace, minibatches: &[Minibatch], judgement: &mut Judgement) {
     let batches = &trace.batches;
-    let row = |row: usize| (batches.observations.row(row), batches.next_observations.row(row), batches.actions[row]);
-    let late: Vec<_> = minibatches.iter().filter(|one| one.size() >= 4 && one.steps >= 4 * one.size()).collect();
-    let same = late.iter().filter(|one| one.rows.clone().all(|other| row(other) == row(one.rows.start))).count();
+    let row = |row: usize| {
+        (batches.observations.row(row), batches.next_observations.row(row), batches.actions[row])
+    };
+    let late: Vec<_> =
+        minibatches.iter().filter(|one| one.size() >= 4 && one.steps >= 4 * one.size()).collect();
+    let same =
+        late.iter().filter(|one| one.rows.clone().all(|other| row(other) == row(one.rows.start))).count();
     if same >= ENOUGH && same * 10 >= late.len() * 9 {
-        judgement.name("one_transition_repeated", format!("{} of {} minibatches", count(same), count(late.len())));
+        judgement
+            .name("one_transition_repeated", format!("{} of {} minibatches", count(same), count(late.len())));
     }
 }
 
@@ -98,8 +105,14 @@ fn changed(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) -> bool
         format!("s′ of {} of {} rows is one that the environment gave, s is not", count(s), count(all))
     } else if mostly(next) {
         format!("s of {} of {} rows is one that the environment gave, s′ is not", count(next), count(all))
-    } else if mostly(unknown) && whole(&trace.batches.observations.values) && !whole(&trace.steps.observation.values) {
-        format!("the observations of all {} rows are whole numbers, those of the environment are not", count(all))
+    } else if mostly(unknown)
+        && whole(&trace.batches.observations.values)
+        && !whole(&trace.steps.observation.values)
+    {
+        format!(
+            "the observations of all {} rows are whole numbers, those of the environment are not",
+            count(all)
+        )
     } else {
         return false;
     };
@@ -118,7 +131,8 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
     let reset = origins.iter().zip(&batches.terminated);
     let reset = reset.filter(|(origin, ends)| matches!(origin, Origin::IntoReset { .. }) && !**ends).count();
     if reset >= 3 {
-        let shown = format!("{} of {} rows lead there without being stored as terminated", count(reset), count(all));
+        let shown =
+            format!("{} of {} rows lead there without being stored as terminated", count(reset), count(all));
         judgement.name("next_is_reset", shown);
     }
     let spans: Vec<Span> = spans(origins).collect();
@@ -128,7 +142,11 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
         let farthest = counted(lengths.last().map_or(0, |length| length + 1), "step");
         judgement.name(
             "state_not_advanced",
-            format!("s of {} of {} rows is the first of its episode, s′ is up to {farthest} on", count(from_start), count(spans.len())),
+            format!(
+                "s of {} of {} rows is the first of its episode, s′ is up to {farthest} on",
+                count(from_start),
+                count(spans.len())
+            ),
         );
         return;
     }
@@ -193,7 +211,8 @@ fn actions(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
         judgement.fact("actions are stored under other numbers than the environment gets".into());
         return;
     }
-    let shown = format!("{} of {} rows have another action than their step", count(other), count(spans.len()));
+    let shown =
+        format!("{} of {} rows have another action than their step", count(other), count(spans.len()));
     judgement.name("stored_action_is_another", shown);
 }
 
@@ -206,14 +225,22 @@ fn rewards(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
     if other == 0 {
         return;
     }
-    let shown = format!("{} of {} rows have another reward than their step", count(other), count(spans.len()));
+    let shown =
+        format!("{} of {} rows have another reward than their step", count(other), count(spans.len()));
     let mut after = vec![None; steps.action.len()];
-    steps.previous.iter().enumerate().filter_map(|(row, before)| Some((row, (*before)?))).for_each(|(row, before)| after[before] = Some(row));
+    steps
+        .previous
+        .iter()
+        .enumerate()
+        .filter_map(|(row, before)| Some((row, (*before)?)))
+        .for_each(|(row, before)| after[before] = Some(row));
     for (neighbours, name) in [(&steps.previous, "before"), (&after, "after")] {
-        let known: Vec<_> = spans.iter().filter_map(|span| Some((span.row, neighbours[span.first]?))).collect();
+        let known: Vec<_> =
+            spans.iter().filter_map(|span| Some((span.row, neighbours[span.first]?))).collect();
         let fits = known.iter().filter(|(row, step)| is_of(*row, *step)).count();
         if other >= ENOUGH_ROWS && other * 5 >= spans.len() && fits * 100 >= known.len() * 95 {
-            let numbers = format!("{shown}, {} of {} that of the step {name}", count(fits), count(known.len()));
+            let numbers =
+                format!("{shown}, {} of {} that of the step {name}", count(fits), count(known.len()));
             judgement.name("reward_of_another_step", numbers);
             return;
         }
@@ -231,11 +258,19 @@ fn stored_ends(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) {
     let (cut, as_terminated) = share(&|last| steps.truncated[last] && !steps.terminated[last]);
     let (terminated, kept) = share(&|last| steps.terminated[last]);
     if as_terminated >= 2 && as_terminated * 2 > cut {
-        let numbers = format!("{} of {} rows with which the time limit ended an episode", count(as_terminated), count(cut));
+        let numbers = format!(
+            "{} of {} rows with which the time limit ended an episode",
+            count(as_terminated),
+            count(cut)
+        );
         judgement.name("time_limit_stored_as_terminated", numbers);
     }
     if terminated >= 3 && (terminated - kept) * 2 > terminated {
-        let numbers = format!("{} of {} rows with which an episode terminated", count(terminated - kept), count(terminated));
+        let numbers = format!(
+            "{} of {} rows with which an episode terminated",
+            count(terminated - kept),
+            count(terminated)
+        );
         judgement.name("terminated_never_stored", numbers);
     }
     if cut == 0 && !judgement.has(&["next_is_reset"]) {
@@ -248,7 +283,13 @@ fn stored_ends(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) {
 }
 
 /// Which of the steps so far are sampled.
-fn ages(trace: &Trace, origins: &[Origin], episodes: &Episodes, minibatches: &[Minibatch], judgement: &mut Judgement) {
+fn ages(
+    trace: &Trace,
+    origins: &[Origin],
+    episodes: &Episodes,
+    minibatches: &[Minibatch],
+    judgement: &mut Judgement,
+) {
     // The steps of each minibatch, where all but a few are known.
     let known: Vec<(&Minibatch, Vec<usize>)> = minibatches
         .iter()
@@ -257,11 +298,14 @@ fn ages(trace: &Trace, origins: &[Origin], episodes: &Episodes, minibatches: &[M
         .collect();
     too_early(minibatches, origins, judgement);
     let age = |one: &Minibatch, first: usize| one.steps.saturating_sub(first);
-    let Some(oldest) = known.iter().flat_map(|(one, firsts)| firsts.iter().map(|&first| age(one, first))).max() else {
+    let Some(oldest) =
+        known.iter().flat_map(|(one, firsts)| firsts.iter().map(|&first| age(one, first))).max()
+    else {
         return;
     };
     let (steps, size) = known.last().map_or((0, 0), |(one, _)| (one.steps, one.size()));
-    let late: Vec<_> = known.iter().filter(|(one, _)| one.steps >= 8 * one.size() && one.size() > 1).collect();
+    let late: Vec<_> =
+        known.iter().filter(|(one, _)| one.steps >= 8 * one.size() && one.size() > 1).collect();
     let span = trace.header.environments.max(1) * 2;
     let is_newest = |(one, firsts): &&&(&Minibatch, Vec<usize>)| {
         let distinct: BTreeSet<_> = firsts.iter().collect();
@@ -273,14 +317,21 @@ fn ages(trace: &Trace, origins: &[Origin], episodes: &Episodes, minibatches: &[M
     let sampled: usize = half.iter().map(|(_, firsts)| firsts.len()).sum();
     let are_old = half.iter().all(|(one, _)| one.steps * 10 > latest * 13);
     if newest >= ENOUGH && newest * 10 >= late.len() * 9 {
-        judgement.name("samples_only_newest", format!("{} of {} minibatches", count(newest), count(late.len())));
+        judgement
+            .name("samples_only_newest", format!("{} of {} minibatches", count(newest), count(late.len())));
     } else if half.len() >= ENOUGH && sampled >= 100 && are_old && latest > 0 {
-        let numbers = format!("of {} rows none is newer than step {}, up to step {}", count(sampled), count(latest + 1), count(steps));
+        let numbers = format!(
+            "of {} rows none is newer than step {}, up to step {}",
+            count(sampled),
+            count(latest + 1),
+            count(steps)
+        );
         judgement.name("samples_only_oldest", numbers);
     } else if let Some(numbers) = emptied(trace, episodes, &known) {
         judgement.name("memory_emptied", numbers);
     } else if oldest < 4 * size && late.len() >= ENOUGH && size > 1 {
-        let numbers = format!("no row is older than {} with minibatches of {}", counted(oldest, "step"), count(size));
+        let numbers =
+            format!("no row is older than {} with minibatches of {}", counted(oldest, "step"), count(size));
         judgement.name("memory_too_small", numbers);
     } else if oldest * 10 < steps * 9 {
         judgement.fact(format!("the memory holds about {}", counted(oldest, "row")));
@@ -297,7 +348,11 @@ fn too_early(minibatches: &[Minibatch], origins: &[Origin], judgement: &mut Judg
     if firsts.len() == first.size() && first.steps < first.size() && distinct.len() < first.size() {
         judgement.name(
             "learns_before_a_batch_is_there",
-            format!("the first minibatch has {} rows after {}", count(first.size()), counted(first.steps, "step")),
+            format!(
+                "the first minibatch has {} rows after {}",
+                count(first.size()),
+                counted(first.steps, "step")
+            ),
         );
     }
 }
@@ -317,8 +372,13 @@ fn emptied(trace: &Trace, episodes: &Episodes, known: &[(&Minibatch, Vec<usize>)
     // The chance of a memory of the longest episode to have given only rows of the current one.
     let chance: f64 = known
         .iter()
-        .map(|(one, firsts)| firsts.len() as f64 * (length(one) as f64 / longest.min(one.steps.max(1)) as f64).min(1.0).ln())
+        .map(|(one, firsts)| {
+            firsts.len() as f64 * (length(one) as f64 / longest.min(one.steps.max(1)) as f64).min(1.0).ln()
+        })
         .sum();
-    let shown = format!("all rows of {} are from the episode in which they are learned", counted(known.len(), "minibatch").replace("hs", "hes"));
+    let shown = format!(
+        "all rows of {} are from the episode in which they are learned",
+        counted(known.len(), "minibatch").replace("hs", "hes")
+    );
     (chance < NEVER).then_some(shown)
 }

@@ -80,7 +80,8 @@ pub fn judge(bytes: &[u8], progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> R
         judgement.doubt(format!("{cut}; it is judged as far as it goes"));
     } else if !trace.header.closed {
         let steps = count(trace.steps.action.len());
-        judgement.doubt(format!("the recorder was not closed: what came after step {steps} is not in the file"));
+        judgement
+            .doubt(format!("the recorder was not closed: what came after step {steps} is not in the file"));
     }
     let episodes = ends::judge(&trace, &mut judgement);
     let rows = rows::origins(&trace);

@@ -75,7 +75,14 @@ pub(super) fn origins(trace: &Trace) -> Vec<Origin> {
     let reached = Index::new(&steps.next_observation, count);
     let origins = batches.update.iter().enumerate().map(|(row, &update)| {
         let until = trace.updates.step.get(update).map_or(count, |step| *step);
-        origin(trace, &seen, &reached, batches.observations.row(row), batches.next_observations.row(row), until)
+        origin(
+            trace,
+            &seen,
+            &reached,
+            batches.observations.row(row),
+            batches.next_observations.row(row),
+            until,
+        )
     });
     origins.collect()
 }

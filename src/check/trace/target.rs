@@ -24,7 +24,11 @@ struct Change {
 pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
     let updates = &trace.updates;
     let all = updates.step.len();
-    if all == 0 || updates.target_sample.width == 0 || updates.target.len() != all || updates.online.len() != all {
+    if all == 0
+        || updates.target_sample.width == 0
+        || updates.target.len() != all
+        || updates.online.len() != all
+    {
         if all > 0 {
             judgement.fact("no target network".into());
         }
@@ -34,7 +38,8 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
     let equal = (0..all).filter(|&update| is_copy(updates, update)).count();
     if trace.header.same_object || (all >= ENOUGH && learned * 2 > all && equal * 100 >= all * 98) {
         let object = if trace.header.same_object { "; they are one object" } else { "" };
-        judgement.name("target_is_online", format!("at {} of {}{object}", count(equal), counted(all, "update")));
+        judgement
+            .name("target_is_online", format!("at {} of {}{object}", count(equal), counted(all, "update")));
         return;
     }
     let changes = changes(updates);
@@ -50,17 +55,23 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
 /// Whether the target network is the online network before or after an update.
 fn is_copy(updates: &Updates, update: usize) -> bool {
     let target = &updates.target[update];
-    *target == updates.online[update] || update.checked_sub(1).is_some_and(|before| *target == updates.online[before])
+    *target == updates.online[update]
+        || update.checked_sub(1).is_some_and(|before| *target == updates.online[before])
 }
 
 fn changes(updates: &Updates) -> Vec<Change> {
-    let changed = (1..updates.step.len()).filter(|&update| updates.target[update] != updates.target[update - 1]);
-    changed.map(|update| Change { update, is_copy: is_copy(updates, update), tau: tau(updates, update) }).collect()
+    let changed =
+        (1..updates.step.len()).filter(|&update| updates.target[update] != updates.target[update - 1]);
+    changed
+        .map(|update| Change { update, is_copy: is_copy(updates, update), tau: tau(updates, update) })
+        .collect()
 }
 
 /// τ of Δθ⁻ = τ (θ − θ⁻), where θ is the online network before or after the update; none where neither fits.
 fn tau(updates: &Updates, update: usize) -> Option<f64> {
-    let sample = |rows: &super::file::Rows, update: usize| -> Vec<f64> { rows.row(update).iter().map(|&value| f64::from(value)).collect() };
+    let sample = |rows: &super::file::Rows, update: usize| -> Vec<f64> {
+        rows.row(update).iter().map(|&value| f64::from(value)).collect()
+    };
     let (old, new) = (sample(&updates.target_sample, update - 1), sample(&updates.target_sample, update));
     let fit = |online: Vec<f64>| {
         let (mut product, mut square, mut moved) = (0.0, 0.0, 0.0);
@@ -74,7 +85,10 @@ fn tau(updates: &Updates, update: usize) -> Option<f64> {
         (tau, (moved - tau * product) / moved)
     };
     let fits = [update, update - 1].map(|at| fit(sample(&updates.online_sample, at)));
-    let best = fits.into_iter().filter(|(tau, left)| tau.is_finite() && *left < 0.01).min_by(|a, b| a.1.total_cmp(&b.1));
+    let best = fits
+        .into_iter()
+        .filter(|(tau, left)| tau.is_finite() && *left < 0.01)
+        .min_by(|a, b| a.1.total_cmp(&b.1));
     best.map(|(tau, _)| tau)
 }
 
@@ -92,7 +106,10 @@ fn unchanged(trace: &Trace, learned: usize, judgement: &mut Judgement) {
         judgement.name("target_never_updated", format!("it has the same checksums at all of {updates}"));
     } else {
         judgement.fact(format!("the target network did not change in {updates}"));
-        judgement.doubt(format!("whether the target network is ever updated: a record of more than {} updates shows it", count(limit)));
+        judgement.doubt(format!(
+            "whether the target network is ever updated: a record of more than {} updates shows it",
+            count(limit)
+        ));
     }
 }
 
@@ -100,9 +117,19 @@ fn moves(trace: &Trace, changes: &[Change], judgement: &mut Judgement) {
     let updates = &trace.updates;
     let all = updates.step.len();
     let between = |column: &dyn Fn(usize) -> usize| {
-        median(changes.windows(2).map(|pair| (column(pair[1].update) - column(pair[0].update)) as f64).collect())
+        median(
+            changes.windows(2).map(|pair| (column(pair[1].update) - column(pair[0].update)) as f64).collect(),
+        )
     };
-    let every = |gap: Option<f64>, name: &str| gap.map(|gap| if gap == 1.0 { format!("every {name}") } else { format!("every {} {name}s", count(gap as usize)) });
+    let every = |gap: Option<f64>, name: &str| {
+        gap.map(|gap| {
+            if gap == 1.0 {
+                format!("every {name}")
+            } else {
+                format!("every {} {name}s", count(gap as usize))
+            }
+        })
+    };
     let gap = between(&|update| update);
     let when = match (every(gap, "update"), every(between(&|update| updates.step[update]), "step")) {
         (Some(updates), Some(steps)) => format!("{updates} ({steps})"),
@@ -118,13 +145,24 @@ fn moves(trace: &Trace, changes: &[Change], judgement: &mut Judgement) {
     }
     // Without a second change, the time since the first is what is known of the period.
     let waits = gap.unwrap_or_else(|| changes.last().map_or(0, |change| all - change.update) as f64);
-    if let Some(tau) = soft.filter(|tau| (0.85..0.999_999).contains(tau) && waits <= 2.0 && changes.len() >= ENOUGH) {
-        judgement.name("tau_reversed", format!("at {} it went {tau:.4} of the way to the online network", counted(changes.len(), "update")));
+    if let Some(tau) =
+        soft.filter(|tau| (0.85..0.999_999).contains(tau) && waits <= 2.0 && changes.len() >= ENOUGH)
+    {
+        judgement.name(
+            "tau_reversed",
+            format!(
+                "at {} it went {tau:.4} of the way to the online network",
+                counted(changes.len(), "update")
+            ),
+        );
     }
     let horizon = waits / soft.unwrap_or(1.0).clamp(1e-9, 1.0);
     if is_small(trace) && waits >= ENOUGH as f64 && horizon > SLOWEST {
         let updates = count(horizon as usize);
-        judgement.name("target_updated_too_rarely", format!("at this pace it takes about {updates} updates to get most of what was learned"));
+        judgement.name(
+            "target_updated_too_rarely",
+            format!("at this pace it takes about {updates} updates to get most of what was learned"),
+        );
     }
 }
 
@@ -134,20 +172,27 @@ fn overwritten(updates: &Updates, judgement: &mut Judgement) {
     if width != updates.target_sample.width || width == 0 {
         return;
     }
-    let distance = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+    let distance =
+        |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
     let online = |update: usize| updates.online_sample.row(update);
-    let step = median((1..updates.step.len()).map(|update| distance(online(update), online(update - 1))).collect());
+    let step =
+        median((1..updates.step.len()).map(|update| distance(online(update), online(update - 1))).collect());
     let Some(step) = step.filter(|step| *step > 0.0) else { return };
     let is_overwritten = |update: &usize| {
         let target = updates.target_sample.row(*update);
         updates.target[*update] == updates.target[*update - 1]
             && updates.online[*update - 1] != updates.target[*update]
             && (updates.online[*update] == updates.target[*update]
-                || (distance(online(*update), target) < 3.0 * step && distance(online(*update), online(*update - 1)) > 10.0 * step))
+                || (distance(online(*update), target) < 3.0 * step
+                    && distance(online(*update), online(*update - 1)) > 10.0 * step))
     };
     let found: Vec<usize> = (1..updates.step.len()).filter(is_overwritten).collect();
     if found.len() >= 2 {
-        let numbers = format!("at {} it became the target network, which had not changed; first at update {}", counted(found.len(), "update"), count(found[0] + 1));
+        let numbers = format!(
+            "at {} it became the target network, which had not changed; first at update {}",
+            counted(found.len(), "update"),
+            count(found[0] + 1)
+        );
         judgement.name("online_overwritten_by_target", numbers);
     }
 }
@@ -164,7 +209,10 @@ fn not_initialised(trace: &Trace, changes: &[Change], judgement: &mut Judgement)
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let correlation = product(online, target) / (product(online, online) * product(target, target)).sqrt();
     if online.len() >= 200 && correlation.abs() < 0.3 {
-        let numbers = format!("at the second update the cosine of their {} weights is {correlation:.2}; that of a copy is near 1", count(online.len()));
+        let numbers = format!(
+            "at the second update the cosine of their {} weights is {correlation:.2}; that of a copy is near 1",
+            count(online.len())
+        );
         judgement.name("target_not_initialised", numbers);
     }
 }

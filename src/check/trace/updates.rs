@@ -27,14 +27,20 @@ pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
     let (updates, steps) = (&trace.updates, trace.steps.action.len());
     let all = updates.step.len();
     if all == 0 {
-        judgement.doubt("no update was recorded, so nothing is said of learning: call recorder.learned after each".into());
+        judgement.doubt(
+            "no update was recorded, so nothing is said of learning: call recorder.learned after each".into(),
+        );
         return;
     }
     let size = updates.batch_size.last().filter(|size| **size > 0);
     let size = size.map_or(String::new(), |size| format!(" with minibatches of {}", count(*size)));
     let first = updates.step[0];
     let rate = all as f64 / (steps - first.min(steps)).max(1) as f64;
-    judgement.fact(format!("{}{size}, the first after {}, {rate:.2} per step since", counted(all, "update"), counted(first, "step")));
+    judgement.fact(format!(
+        "{}{size}, the first after {}, {rate:.2} per step since",
+        counted(all, "update"),
+        counted(first, "step")
+    ));
     unchanged(trace, judgement);
     at_ends_only(trace, judgement);
     while_evaluating(trace, episodes, judgement);
@@ -42,24 +48,43 @@ pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
     if all >= ENOUGH && updates.optimizer_steps.len() == all {
         let (first, last) = (updates.optimizer_steps[0], updates.optimizer_steps[all - 1]);
         if first >= 0.0 && last <= 1.0 && updates.optimizer_steps.iter().all(|steps| *steps <= 1.0) {
-            judgement.name("optimizer_made_anew", format!("its step count is at most {last} at all of {}", counted(all, "update")));
+            judgement.name(
+                "optimizer_made_anew",
+                format!("its step count is at most {last} at all of {}", counted(all, "update")),
+            );
         }
     }
 }
 
-/// Networks and layers whose checksums stay.
+/// A network whose checksums stay.
 fn unchanged(trace: &Trace, judgement: &mut Judgement) {
     let online = &trace.updates.online;
     let Some(first) = online.first().filter(|_| online.len() >= ENOUGH) else { return };
-    let stays = |tensor: usize| online.iter().all(|checksums| checksums[tensor] == first[tensor]);
-    let still: Vec<usize> = (0..first.len()).filter(|&tensor| stays(tensor)).collect();
-    let updates = counted(online.len(), "update");
-    if still.len() == first.len() {
-        judgement.name("online_never_changes", format!("all of its checksums are the same at all of {updates}"));
-    } else if !still.is_empty() && online.len() >= 10 * ENOUGH {
-        let name = |tensor: &usize| trace.header.tensors.get(*tensor).map_or(tensor.to_string(), |name| crate::text::excerpt(name, 60));
-        let names: Vec<String> = still.iter().take(4).map(name).collect();
-        judgement.name("layer_never_changes", format!("the checksum of {} is the same at all of {updates}", names.join(", ")));
+    if online.iter().all(|checksums| checksums == first) {
+        let updates = counted(online.len(), "update");
+        judgement.name("online_never_changes", format!("its checksums are the same at all of {updates}"));
+    }
+}
+
+/// Tensors that are the same in the first whole update and after the last.
+fn unchanged_layers(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+    let (Some((from, first)), Some((to, last))) = (updates.first(), updates.last()) else { return };
+    let Some(after) = &last.results.online else { return };
+    let apart = to.number - from.number;
+    if apart < 5 * ENOUGH || judgement.has(&["online_never_changes", "units_die"]) {
+        return;
+    }
+    let still = (0..after.num_layers()).flat_map(|layer| {
+        let weights = after.sizes()[layer] * after.sizes()[layer + 1];
+        let (before, after) = (first.online.layer(layer), after.layer(layer));
+        let weight = (before[..weights] == after[..weights]).then(|| format!("{}.weight", 2 * layer));
+        let bias = (before[weights..] == after[weights..]).then(|| format!("{}.bias", 2 * layer));
+        [weight, bias].into_iter().flatten()
+    });
+    let still: Vec<String> = still.collect();
+    if !still.is_empty() {
+        let updates = counted(apart, "update");
+        judgement.name("layer_never_changes", format!("{} is the same {updates} later", still.join(", ")));
     }
 }
 
@@ -68,8 +93,16 @@ fn at_ends_only(trace: &Trace, judgement: &mut Judgement) {
     let places: BTreeSet<usize> = updates.iter().copied().collect();
     let is_end = |place: &usize| place.checked_sub(1).is_some_and(|row| row < steps && trace.ended(row));
     if trace.header.environments <= 1 && places.len() >= 10 && places.iter().all(is_end) {
-        let numbers = format!("{} in {}, all of them at the ends of episodes", counted(updates.len(), "update"), counted(steps, "step"));
-        if updates.len() * 8 <= steps { judgement.name("learns_at_episode_ends_only", numbers) } else { judgement.fact(numbers) }
+        let numbers = format!(
+            "{} in {}, all of them at the ends of episodes",
+            counted(updates.len(), "update"),
+            counted(steps, "step")
+        );
+        if updates.len() * 8 <= steps {
+            judgement.name("learns_at_episode_ends_only", numbers)
+        } else {
+            judgement.fact(numbers)
+        }
     }
 }
 
@@ -86,15 +119,24 @@ fn while_evaluating(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
         .iter()
         .zip(ends)
         .map(|(&start, end)| {
-            let learned = trace.updates.step.partition_point(|step| *step < end) - trace.updates.step.partition_point(|step| *step <= start);
+            let learned = trace.updates.step.partition_point(|step| *step < end)
+                - trace.updates.step.partition_point(|step| *step <= start);
             (epsilon[start..end].iter().all(|value| *value == 0.0), learned)
         })
         .collect();
     let blocks = played.windows(2).filter(|pair| !pair[0].0 && pair[1].0).count();
     let returns = played.windows(2).filter(|pair| pair[0].0 && !pair[1].0).count();
-    let greedy: Vec<usize> = played.iter().filter(|(is_greedy, learned)| *is_greedy && *learned > 0).map(|(_, learned)| *learned).collect();
+    let greedy: Vec<usize> = played
+        .iter()
+        .filter(|(is_greedy, learned)| *is_greedy && *learned > 0)
+        .map(|(_, learned)| *learned)
+        .collect();
     if blocks >= 2 && returns >= 2 && greedy.len() >= 2 {
-        let numbers = format!("{} with ε = 0 between others have {}", counted(greedy.len(), "episode"), counted(greedy.iter().sum(), "update"));
+        let numbers = format!(
+            "{} with ε = 0 between others have {}",
+            counted(greedy.len(), "episode"),
+            counted(greedy.iter().sum(), "update")
+        );
         judgement.name("learns_while_evaluating", numbers);
     }
 }
@@ -102,7 +144,8 @@ fn while_evaluating(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
 fn diverges(trace: &Trace, judgement: &mut Judgement) {
     let (updates, batches) = (&trace.updates, &trace.batches);
     let is_infinite = |values: &[f64]| values.iter().position(|value| value.is_infinite());
-    if let Some(at) = is_infinite(&updates.loss).into_iter().chain(is_infinite(&updates.largest_target)).min() {
+    if let Some(at) = is_infinite(&updates.loss).into_iter().chain(is_infinite(&updates.largest_target)).min()
+    {
         judgement.name("diverges", format!("loss or targets of update {} are not finite", count(at + 1)));
         return;
     }
@@ -114,19 +157,29 @@ fn diverges(trace: &Trace, judgement: &mut Judgement) {
     let bound = reward / (1.0 - discount);
     let is_known = !batches.discounts.is_empty() || trace.told.iter().any(|name| name == "gamma");
     if bound > 0.0 && bound.is_finite() && is_known && last.len() >= ENOUGH && largest > BEYOND * bound {
-        let numbers = format!("targets of the last {} reach {largest:.3e}, and no return is above {bound:.1}", counted(last.len(), "update"));
+        let numbers = format!(
+            "targets of the last {} reach {largest:.3e}, and no return is above {bound:.1}",
+            counted(last.len(), "update")
+        );
         judgement.name("diverges", numbers);
     } else if bound.is_finite() && bound > 0.0 {
-        judgement.fact(format!("the largest targets are {largest:.3} at the end; no return is above {bound:.1}"));
+        judgement
+            .fact(format!("the largest targets are {largest:.3} at the end; no return is above {bound:.1}"));
     }
 }
 
 /// What the whole updates show.
-pub(super) fn judge_whole(trace: &Trace, judgement: &mut Judgement, progress: &(dyn Fn(Stage, usize, usize) + Sync)) {
+pub(super) fn judge_whole(
+    trace: &Trace,
+    judgement: &mut Judgement,
+    progress: &(dyn Fn(Stage, usize, usize) + Sync),
+) {
     let updates: Vec<(&Whole, Update)> = trace
         .whole
         .iter()
-        .filter_map(|whole| Some((whole, whole.update(trace.settings, |name| !name.starts_with("adam."), false)?)))
+        .filter_map(|whole| {
+            Some((whole, whole.update(trace.settings, |name| !name.starts_with("adam."), false)?))
+        })
         .collect();
     if updates.is_empty() {
         if trace.updates.step.len() > ENOUGH {
@@ -139,6 +192,7 @@ pub(super) fn judge_whole(trace: &Trace, judgement: &mut Judgement, progress: &(
         return;
     }
     dead(&updates, judgement);
+    unchanged_layers(&updates, judgement);
     first_steps(&updates, judgement);
     let mut order = vec![updates.len() - 1, 0, updates.len() / 2];
     order.dedup();
@@ -160,7 +214,9 @@ pub(super) fn judge_whole(trace: &Trace, judgement: &mut Judgement, progress: &(
         let loss = if settings.loss == Loss::Mse { "mse" } else { "huber" };
         let double = if settings.double { ", double" } else { "" };
         judgement.fact(format!(
-            "{} computed again and equal, with gamma {}, loss {loss}{double}", counted(equal, "update"), settings.gamma
+            "{} computed again and equal, with gamma {}, loss {loss}{double}",
+            counted(equal, "update"),
+            settings.gamma
         ));
     }
 }
@@ -176,18 +232,23 @@ fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
         if dead == outputs.ncols() {
             let numbers = format!(
                 "at update {} all {} units of hidden layer {} are 0 for {}",
-                count(whole.number + 1), count(dead), layer + 1, counted(outputs.nrows(), "observation")
+                count(whole.number + 1),
+                count(dead),
+                layer + 1,
+                counted(outputs.nrows(), "observation")
             );
             judgement.name("units_die", numbers);
-            // It follows.
-            judgement.mistakes.retain(|named| named.mistake.id != "layer_never_changes");
             return;
         }
         all += outputs.ncols();
         silent += dead;
     }
     if silent > 0 {
-        judgement.fact(format!("{} of {} hidden units are 0 for all observations of a minibatch", count(silent), count(all)));
+        judgement.fact(format!(
+            "{} of {} hidden units are 0 for all observations of a minibatch",
+            count(silent),
+            count(all)
+        ));
     }
 }
 
@@ -206,7 +267,11 @@ fn first_steps(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
     };
     let found = updates.iter().filter(is_first).count();
     if found >= 3 && found * 10 >= updates.len() * 8 && !judgement.has(&["optimizer_made_anew"]) {
-        let numbers = format!("in {} of {} whole updates nearly all weights move by the same amount, as in Adam's first step", count(found), count(updates.len()));
+        let numbers = format!(
+            "in {} of {} whole updates nearly all weights move by the same amount, as in Adam's first step",
+            count(found),
+            count(updates.len())
+        );
         judgement.name("optimizer_made_anew", numbers);
     }
 }
@@ -243,13 +308,17 @@ fn equal_in_targets_and_loss(update: &Update) -> bool {
     let targets = reference.targets(&right);
     let loss = reference.loss(&right, &targets);
     let results = &update.results;
-    let same_targets = results.targets.as_ref().is_none_or(|theirs| targets.values.iter().zip(theirs).all(|(ours, theirs)| agrees(ours, *theirs)));
+    let same_targets = results
+        .targets
+        .as_ref()
+        .is_none_or(|theirs| targets.values.iter().zip(theirs).all(|(ours, theirs)| agrees(ours, *theirs)));
     same_targets && results.loss.is_none_or(|theirs| agrees(&loss.value, theirs))
 }
 
 /// What is wrong with an update, as far as the recorder was told how it should be.
 fn explain(number: usize, verdict: &Verdict, trace: &Trace, judgement: &mut Judgement) {
-    let differing = |state: QuantityState| verdict.quantities.iter().filter(move |quantity| quantity.state == state);
+    let differing =
+        |state: QuantityState| verdict.quantities.iter().filter(move |quantity| quantity.state == state);
     let place = format!("update {}", count(number + 1));
     if let Some(unexplained) = differing(QuantityState::Different).next() {
         judgement.doubt(format!(
@@ -269,9 +338,18 @@ fn explain(number: usize, verdict: &Verdict, trace: &Trace, judgement: &mut Judg
             judgement.fact(format!("in {place}, {}", mistake.what));
             continue;
         }
-        let Some(quantity) = verdict.quantities.iter().find(|quantity| quantity.name == explained.quantity) else { continue };
-        let numbers = format!("{} of the {} {} of {place} differ from the right ones, and this gives theirs", count(quantity.differing), count(quantity.numbers), quantity.name.name());
-        let mistake = LoopMistake { id: mistake.id, what: mistake.what, why: mistake.why, mend: mistake.mend };
+        let Some(quantity) = verdict.quantities.iter().find(|quantity| quantity.name == explained.quantity)
+        else {
+            continue;
+        };
+        let numbers = format!(
+            "{} of the {} {} of {place} differ from the right ones, and this gives theirs",
+            count(quantity.differing),
+            count(quantity.numbers),
+            quantity.name.name()
+        );
+        let mistake =
+            LoopMistake { id: mistake.id, what: mistake.what, why: mistake.why, mend: mistake.mend };
         judgement.mistakes.push(Named { mistake, numbers });
     }
 }
