@@ -71,7 +71,7 @@ class Recorder:
 
     def environment(self, env: Any) -> Any:
         """The same environment, single or a vector of several, which writes down what `reset` and `step` really say."""
-        recorded = _Environment(env, self)
+        recorded = _Environment(env, self, sum(other._count for other in self._environments))
         self._environments.append(recorded)
         return recorded
 
@@ -133,7 +133,7 @@ class Recorder:
 
     def _keep_steps(self, before: np.ndarray, after: np.ndarray, place: Optional[np.ndarray], *columns: Any) -> None:
         """Writes down a step: of one environment, or of those of a vector at these places, with a row for each. The columns are
-        action, reward, terminated, truncated, and whether a reset came before."""
+        action, reward, terminated, truncated, whether a reset came before, and which environment it is."""
         (q, epsilon), self._acting = self._acting, (None, None)
         if not self._steps.fields:
             size, actions = before.shape[-1], self._num_actions() or (0 if q is None else q.shape[-1])
@@ -154,11 +154,11 @@ class Recorder:
         chosen = self._none_told
         if q is not None and q.size == actions:
             chosen = q.reshape(actions)
-        elif q is not None and place is not None and q.shape == (self._environments[-1]._count, actions):
+        elif q is not None and place is not None and q.ndim == 2 and q.shape[1] == actions and len(q) > place[-1]:
             chosen = q[place]
         elif q is not None:
             self._say(f"Q-values of shape {q.shape}, expected ({actions},) or (environments, {actions})")
-        row = (before, after, *columns, 0 if place is None else place, chosen, np.nan if epsilon is None else epsilon)
+        row = (before, after, *columns, chosen, np.nan if epsilon is None else epsilon)
         if not self._steps.append(row, None if place is None else len(place)):
             self._say(f"steps and updates after step {len(self._steps)}, which is as much as a file holds", "full")
         self._write_now_and_then()
@@ -288,7 +288,7 @@ class Recorder:
             "version": VERSION,
             "closed": is_closed,
             "environment": str(self._settings.get("environment") or getattr(spec, "id", "")),
-            "environments": max((recorded._count for recorded in self._environments), default=0),
+            "environments": sum(recorded._count for recorded in self._environments),
             "max_episode_steps": getattr(spec, "max_episode_steps", None),
             "actions": self._num_actions() if env is not None else 0,
             "tensors": self._learning.names,
@@ -378,9 +378,9 @@ class _Learning:
         self.torch: dict[str, tuple[list[Any], int, list[_Tensor]]] = {}
         self.modules: dict[str, Any] = {}
         self.before: Optional[dict[str, np.ndarray]] = None
-        self.batches = _Kept(MAX_BATCHES, 10, 4)
+        self.batches = _Kept(MAX_BATCHES, 10, 8)
         # Update 0 has no network before it.
-        self.updates = _Kept(MAX_UPDATES, 3, 16)
+        self.updates = _Kept(MAX_UPDATES, 3, 32)
 
     def fingerprint(self, name: str, network: Any) -> tuple[list[int], np.ndarray]:
         """Checksums of two tensors, and some of their weights."""
@@ -393,7 +393,8 @@ class _Learning:
         if len(tensors) != len(self.names):
             raise ValueError(f"the {name} network has {len(tensors)} tensors after one of {len(self.names)}")
         # The weights of the first layer and of the last: of all it would take too long.
-        ends = (tensors[0], tensors[-2] if len(tensors) > 1 else tensors[0])
+        matrices = [tensor for tensor in tensors if tensor.is_matrix] or tensors
+        ends = (matrices[0], matrices[-1])
         return [tensor.checksum() for tensor in ends], np.concatenate([tensor.sample() for tensor in ends])
 
     def _torch_tensors(self, name: str, network: Any) -> list[_Tensor]:
@@ -414,7 +415,7 @@ class _Tensor:
     """An array of a network, as far as fingerprints need it."""
 
     def __init__(self, array: np.ndarray, address: int = 0) -> None:
-        self.address = address
+        self.address, self.is_matrix = address, array.ndim > 1
         self.flat = array.reshape(-1)
         data = np.ascontiguousarray(self.flat).view(np.uint8)
         self.parts = [memoryview(data)]
@@ -436,10 +437,12 @@ class _Tensor:
 class _Environment:
     """An environment, or a vector of several, that behaves as the one within, and is of its class for `isinstance`."""
 
-    _OWN = ("_env", "_recorder", "_count", "_is_vector", "_last", "_is_over", "_resets")
+    _OWN = ("_env", "_recorder", "_offset", "_start", "_seed", "_count", "_is_vector", "_last", "_is_over", "_resets")
 
-    def __init__(self, env: Any, recorder: Recorder) -> None:
-        self._env, self._recorder = env, recorder
+    def __init__(self, env: Any, recorder: Recorder, offset: int) -> None:
+        self._env, self._recorder, self._offset, self._seed = env, recorder, offset, None
+        space = getattr(env, "single_action_space", None) or getattr(env, "action_space", None)
+        self._start = int(getattr(space, "start", 0)) if hasattr(space, "n") else 0
         count = getattr(env, "num_envs", None)
         self._is_vector = isinstance(count, int)
         self._count = count if isinstance(count, int) else 1
@@ -486,11 +489,12 @@ class _Environment:
     def _keep_action(self, action: Any) -> None:
         self.__dict__["_action"] = None
         if type(action) is int and not self._is_vector:
-            self.__dict__["_action"] = action
+            self.__dict__["_action"] = action - self._start
             return
         actions = np.array(_numbers(action))
         if actions.dtype.kind not in "iub" or actions.size != self._count:
             raise ValueError(f"an action is {shown(action)}; it must be a whole number for each environment")
+        actions = actions.astype(np.int64) - self._start
         self.__dict__["_action"] = actions.reshape(-1) if self._is_vector else int(actions.reshape(-1)[0])
 
     def _rows(self, observations: Any) -> np.ndarray:
@@ -504,7 +508,8 @@ class _Environment:
         mask = np.ones(self._count, bool) if mask is None or self._last is None else np.array(mask, bool)
         self._last = rows if self._last is None else np.where(mask[:, None], rows, self._last)
         seed = keywords.get("seed", arguments[0] if arguments else None)
-        self._resets = np.where(mask, 1 if seed is None else 2, self._resets).astype(np.uint8)
+        is_again, self._seed = seed is not None and seed == self._seed, seed
+        self._resets = np.where(mask, 2 if is_again else 1, self._resets).astype(np.uint8)
         self._is_over = self._is_over & ~mask
 
     def _keep_step(self, said: Any) -> None:
@@ -521,7 +526,8 @@ class _Environment:
         if not self._is_vector:
             # Who resets is the user, before the next step.
             flags = (bool(terminated), bool(truncated))
-            self._recorder._keep_steps(before[0], rows[0], None, action, _number_of(rewards), *flags, self._resets[0])
+            columns = (action, _number_of(rewards), *flags, self._resets[0], self._offset)
+            self._recorder._keep_steps(before[0], rows[0], None, *columns)
             self._resets[0] = 0
             return
         flags = [np.array(_numbers(flag), bool).reshape(-1) for flag in (terminated, truncated)]
@@ -541,7 +547,7 @@ class _Environment:
             resets[ended] = 1
         place = np.flatnonzero(passed)
         rewards = np.array(_numbers(rewards), np.float64).reshape(-1)
-        columns = (action, rewards, *flags, self._resets)
+        columns = (action, rewards, *flags, self._resets, self._offset + np.arange(self._count))
         if len(place):
             self._recorder._keep_steps(before[place], after[place], place, *(column[place] for column in columns))
         self._is_over = ended & passed

@@ -195,7 +195,8 @@ fn planted_mistakes_are_named_and_shown_with_their_numbers() {
         assert!(found.unwrap().numbers.contains(|c: char| c.is_ascii_digit()), "{found:?}");
     }
     // What is stored is not what happened.
-    let stored: &[(&str, &str, fn(f64) -> f64)] = &[
+    type Change = fn(f64) -> f64;
+    let stored: &[(&str, &str, Change)] = &[
         ("stored_action_is_another", "batches.actions", |action| 1.0 - action),
         ("terminated_never_stored", "batches.terminated", |_| 0.0),
     ];

@@ -105,18 +105,17 @@ fn steps_after_ends(trace: &Trace, judgement: &mut Judgement) {
 fn same_starts(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let steps = &trace.steps;
     // The first one may have had another seed.
-    let mut starts =
-        episodes.starts.iter().skip(1).map(|&row| (steps.observation.row(row), steps.reset[row]));
+    let starts = episodes.starts.iter().skip(1).map(|&row| (steps.observation.row(row), steps.reset[row]));
     let Some((first, _)) = starts.clone().next() else { return };
     if episodes.starts.len() < 4 || !starts.clone().all(|(start, _)| start == first) {
         return;
     }
     let shown = counted(episodes.starts.len() - 1, "episode");
     // A task may have one start; a seed that is given again and again makes it one.
-    if starts.all(|(_, reset)| reset == 2) {
+    if starts.skip(1).all(|(_, reset)| reset == 2) {
         judgement.name(
             "same_start_every_episode",
-            format!("{shown}, all reset with a seed, start from the same observation"),
+            format!("{shown}, all reset with the same seed, start from the same observation"),
         );
     } else {
         judgement.fact(format!("all {shown} start from the same observation"));

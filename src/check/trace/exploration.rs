@@ -15,7 +15,7 @@ const CLEAR: f64 = 25.0;
 /// An ε of most steps at random.
 const LARGE: f64 = 0.5;
 /// Steps and episodes within which ε falls at once.
-const AT_ONCE: (usize, usize) = (300, 15);
+const AT_ONCE: (usize, usize) = (100, 15);
 
 /// A step with Q-values: its ε, whether its action is the largest, and the smallest.
 struct Choice {

@@ -77,7 +77,7 @@ pub(crate) struct Steps {
     pub reward: Vec<f64>,
     pub terminated: Vec<bool>,
     pub truncated: Vec<bool>,
-    /// 0; 1 if the observation is the first of an episode; 2 if it was reset with a seed.
+    /// 0; 1 if the observation is the first of an episode; 2 if it was reset with the same seed as before.
     pub reset: Vec<u8>,
     /// NaN where none were told; without width if none were told at all.
     pub q_values: Rows,

@@ -329,7 +329,7 @@ fn ages(
         judgement.name("samples_only_oldest", numbers);
     } else if let Some(numbers) = emptied(trace, episodes, &known) {
         judgement.name("memory_emptied", numbers);
-    } else if oldest < 4 * size && late.len() >= ENOUGH && size > 1 {
+    } else if oldest * 10 < 36 * size && late.len() >= ENOUGH && size > 1 {
         let numbers =
             format!("no row is older than {} with minibatches of {}", counted(oldest, "step"), count(size));
         judgement.name("memory_too_small", numbers);

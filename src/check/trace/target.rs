@@ -204,11 +204,14 @@ fn not_initialised(trace: &Trace, changes: &[Change], judgement: &mut Judgement)
         return;
     }
     let Some(update) = first.update(trace.settings, |name| !name.starts_with("adam."), false) else { return };
-    let Some(target) = &update.target else { return };
+    let (Some(target), Some(after)) = (&update.target, &update.results.online) else { return };
     let (online, target) = (update.online.parameters(), target.parameters());
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let square = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
     let correlation = product(online, target) / (product(online, online) * product(target, target)).sqrt();
-    if online.len() >= 200 && correlation.abs() < 0.3 {
+    // A high learning rate leads far from a copy, but not in one step.
+    let is_far = square(online, target) > 25.0 * square(after.parameters(), online);
+    if online.len() >= 200 && is_far && correlation.abs() < 0.3 {
         let numbers = format!(
             "at the second update the cosine of their {} weights is {correlation:.2}; that of a copy is near 1",
             count(online.len())

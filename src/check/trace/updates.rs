@@ -151,7 +151,8 @@ fn diverges(trace: &Trace, judgement: &mut Judgement) {
     }
     let discount = batches.discounts.iter().copied().fold(f64::NAN, f64::max);
     let discount = if discount.is_nan() { trace.settings.gamma } else { discount };
-    let reward = batches.rewards.iter().map(|reward| reward.abs()).fold(0.0, f64::max);
+    let reward =
+        batches.rewards.iter().chain(&trace.steps.reward).map(|reward| reward.abs()).fold(0.0, f64::max);
     let last = &updates.largest_target[updates.largest_target.len() * 9 / 10..];
     let Some(largest) = median(last.to_vec()) else { return };
     let bound = reward / (1.0 - discount);
@@ -191,9 +192,11 @@ pub(super) fn judge_whole(
         }
         return;
     }
-    dead(&updates, judgement);
+    dead(trace, &updates, judgement);
     unchanged_layers(&updates, judgement);
-    first_steps(&updates, judgement);
+    if trace.updates.optimizer_steps.last().is_none_or(|steps| *steps < 1.5) {
+        first_steps(&updates, judgement);
+    }
     let mut order = vec![updates.len() - 1, 0, updates.len() / 2];
     order.dedup();
     let (_, first) = &updates[0];
@@ -222,8 +225,11 @@ pub(super) fn judge_whole(
 }
 
 /// Hidden layers that are 0 for every observation.
-fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
-    let Some((whole, update)) = updates.last() else { return };
+fn dead(trace: &Trace, updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+    let Some((whole, _)) = updates.last() else { return };
+    // Only of a network whose targets are those of dense layers with ReLU between them.
+    let is_known = |update: &Update| update.results.targets.is_some() && equal_in_targets_and_loss(update);
+    let Some(update) = as_told(trace, whole).filter(is_known) else { return };
     let pass = forward(&update.online, &update.batch.observations, update.rounding_unit);
     let (mut all, mut silent) = (0, 0);
     for layer in 0..update.online.num_layers() - 1 {
@@ -237,6 +243,8 @@ fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
                 layer + 1,
                 counted(outputs.nrows(), "observation")
             );
+            // That nothing else changes follows.
+            judgement.mistakes.retain(|named| named.mistake.id != "online_never_changes");
             judgement.name("units_die", numbers);
             return;
         }
