@@ -180,11 +180,13 @@ fn overwritten(updates: &Updates, judgement: &mut Judgement) {
     let Some(step) = step.filter(|step| *step > 0.0) else { return };
     let is_overwritten = |update: &usize| {
         let target = updates.target_sample.row(*update);
-        updates.target[*update] == updates.target[*update - 1]
+        // Right after a copy the two are near each other anyway.
+        update.checked_sub(ENOUGH).is_some_and(|before| updates.target[before] == updates.target[*update])
+            && updates.target[*update] == updates.target[*update - 1]
             && updates.online[*update - 1] != updates.target[*update]
             && (updates.online[*update] == updates.target[*update]
                 || (distance(online(*update), target) < 3.0 * step
-                    && distance(online(*update), online(*update - 1)) > 10.0 * step))
+                    && distance(online(*update), online(*update - 1)) > 20.0 * step))
     };
     let found: Vec<usize> = (1..updates.step.len()).filter(is_overwritten).collect();
     if found.len() >= 2 {
