@@ -1,8 +1,8 @@
-"""cartpole-dqn from Python: the policies that the program has trained, its metrics, and updates for its `check`.
+"""cartpole-dqn from Python: the policies that the program has trained, its metrics, and updates and loops for its `check`.
 
-    from cartpole_dqn import Policy, metrics, program, save_update, tensors
+    from cartpole_dqn import Policy, Recorder, metrics, program, save_update, tensors
 
-Only NumPy is needed. Nothing here imports PyTorch, Keras or JAX: `save_update` takes what these libraries have made.
+Only NumPy is needed. Nothing here imports PyTorch, Keras or JAX: `save_update` and `Recorder` take what these libraries have made.
 """
 
 from __future__ import annotations
@@ -12,5 +12,6 @@ from ._program import program
 from ._run import metrics
 from ._tensors import tensors
 from ._update import save_update
+from .recorder import Recorder
 
-__all__ = ["Policy", "metrics", "program", "save_update", "tensors"]
+__all__ = ["Policy", "Recorder", "metrics", "program", "save_update", "tensors"]

@@ -173,11 +173,11 @@ def _check_sha256(path: Path, head: bytes, data: bytearray, metadata: dict[str, 
         raise ValueError(f"{path} is damaged: its content does not match the SHA-256 in it")
 
 
-def write(path: PathLike, arrays: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> None:
-    """Writes a file. The types must be keys of NAMES."""
+def write(path: PathLike, arrays: Mapping[str, np.ndarray], metadata: Mapping[str, str], first: str = "") -> None:
+    """Writes a file. The types must be keys of NAMES. Arrays whose names begin with `first` come first."""
     header: dict[str, Any] = {"__metadata__": dict(metadata)}
     # Types with large numbers first, so that every array begins at a multiple of its numbers' size.
-    ordered = sorted(arrays.items(), key=lambda item: (-item[1].dtype.itemsize, item[0]))
+    ordered = sorted(arrays.items(), key=lambda item: (not item[0].startswith(first), -item[1].dtype.itemsize, item[0]))
     contents, end = [], 0
     for name, array in ordered:
         dtype = array.dtype.newbyteorder("<")

@@ -1,7 +1,7 @@
 //! One update in a `.safetensors` file, whoever computed it. docs/check.md describes the layout.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::env::catalogue::EnvironmentId;
-use crate::files::{read_limited, read_rest};
+use crate::files::read_limited;
 use crate::nn::{Loss, Mlp};
 use crate::tensors::{check_count, foreign_format, header_of, read_network};
 use crate::text::shown;
@@ -218,13 +218,8 @@ impl Update {
         Self::named(read_limited(path, MAX_FILE_SIZE), path)
     }
 
-    /// Reads a stream whole; `path` is what errors call it.
-    pub(crate) fn read_from(stream: impl Read, path: &Path) -> Result<Self, UpdateError> {
-        let mut bytes = Vec::new();
-        Self::named(read_rest(stream, &mut bytes, MAX_FILE_SIZE).map(|()| bytes), path)
-    }
-
-    fn named(read: io::Result<Vec<u8>>, path: &Path) -> Result<Self, UpdateError> {
+    /// An update from what was read; `path` is what errors call it.
+    pub(crate) fn named(read: io::Result<Vec<u8>>, path: &Path) -> Result<Self, UpdateError> {
         read.map_err(|error| format!("cannot be read: {error}"))
             .and_then(|bytes| Self::from_bytes(&bytes))
             .map_err(|problem| UpdateError { path: path.to_owned(), problem })
@@ -541,7 +536,7 @@ fn check_all(name: &str, values: &[f64], fits: impl Fn(f64) -> bool, expected: &
 }
 
 /// A tensor's numbers; none if it is of a type that is not read.
-fn numbers(view: &TensorView) -> Option<Vec<f64>> {
+pub(super) fn numbers(view: &TensorView) -> Option<Vec<f64>> {
     macro_rules! decoded {
         ($type:ty) => {{
             let (chunks, _) = view.data().as_chunks::<{ size_of::<$type>() }>();

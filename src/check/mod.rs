@@ -11,6 +11,7 @@
 //! | `mistakes.rs` | everything that can be named |
 //! | `fit.rs` | numbers that the settings say otherwise, and what differing numbers have in common |
 //! | `verdict.rs` | the search for the mistakes that give somebody's numbers |
+//! | `trace/` | a whole loop: what is wrong around the update |
 
 mod activation;
 mod batch;
@@ -21,6 +22,7 @@ mod pass;
 mod reference;
 mod rounding;
 mod variant;
+pub mod trace;
 mod verdict;
 
 pub(crate) use batch::{BatchVerdict, Found};

@@ -19,6 +19,11 @@ impl Pass {
     pub(crate) fn q(&self) -> &Matrix {
         &self.q
     }
+
+    /// What a layer gave before its activation, (batch, units).
+    pub(super) fn before_activation(&self, layer: usize) -> &DMatrix<f64> {
+        &self.outputs[layer].value
+    }
 }
 
 /// y = W x + b for every layer, with an activation between them and one behind the last.

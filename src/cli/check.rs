@@ -7,28 +7,30 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
+use super::check_trace::{self, INDENT, put};
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
+use crate::check::trace;
 use crate::check::{
     BatchVerdict, EpsilonPlace, Explained, Found, Judged, OptimizerName, QuantityState, Settings, Stage,
     Update, Verdict, check_with,
 };
+use crate::files::{read_limited, read_rest};
 use crate::nn::Loss;
-use crate::text::{COLUMNS, lines, shown};
+use crate::text::shown;
 
-const INDENT: usize = 12;
 /// How long a check shows no progress.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Say which known mistake another program's DQN update has.
+/// Say which known mistake another program's DQN has.
 ///
-/// FILE holds the numbers of one update; docs/check.md has the function of Python that writes it for PyTorch, Keras,
-/// JAX and NumPy. The update is computed again in f64, and what differs is explained. Exit code 0 if everything in the
-/// file is equal, 1 if something differs.
+/// FILE holds the numbers of one update, or what a whole loop did; docs/check.md has the function and the class of
+/// Python that write them for PyTorch, Keras, JAX and NumPy. An update is computed again in f64, and what differs is
+/// explained. Exit code 0 if everything in the file is right, 1 if something is not.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: cartpole-dqn check update.safetensors")]
 pub(super) struct CheckArguments {
-    /// The update, a .safetensors file; `-` is standard input
+    /// The update or the recorded loop; `-` is standard input
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Print the verdict as JSON, alone on standard output
@@ -48,11 +50,20 @@ pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     let is_standard = is_standard_input(&arguments.file);
     let file = if is_standard { Path::new("standard input") } else { &arguments.file };
     let read = match is_standard {
-        true => Update::read_from(standard_input("cartpole-dqn check - < update.safetensors")?, file),
-        false => Update::read(file),
+        true => {
+            let mut bytes = Vec::new();
+            let input = standard_input("cartpole-dqn check - < update.safetensors")?;
+            read_rest(input, &mut bytes, trace::MAX_FILE_SIZE as u64).map(|()| bytes)
+        }
+        false => read_limited(file, trace::MAX_FILE_SIZE as u64),
     };
-    let update = read.map_err(|error| Failure::BadInput(on_one_line(&error)))?;
-    let verdict = check_in_view(&update);
+    if let Some(bytes) = read.as_ref().ok().filter(|bytes| trace::is_trace(bytes)) {
+        let judged = in_view(|show| trace::judge(bytes, show));
+        let judgement = judged.map_err(|problem| Failure::BadInput(format!("{}: {problem}", shown(file))))?;
+        return check_trace::show(&shown(file), &judgement, arguments.json);
+    }
+    let update = Update::named(read, file).map_err(|error| Failure::BadInput(on_one_line(&error)))?;
+    let verdict = in_view(|show| check_with(&update, show));
     if arguments.json {
         let (file, settings) = (shown(file), update.settings);
         print_json(&PrintedVerdict { file, settings, verdict: &verdict })?;
@@ -62,8 +73,8 @@ pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
 }
 
-/// Checks an update; in a terminal a bar shows how far a check that takes longer is.
-fn check_in_view(update: &Update) -> Verdict {
+/// Checks a file; in a terminal a bar shows how far a check that takes longer is.
+fn in_view<T>(check: impl FnOnce(&(dyn Fn(Stage, usize, usize) + Sync)) -> T) -> T {
     let (start, bar) = (Instant::now(), ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::stderr()));
     if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} mistakes tried") {
         bar.set_style(style);
@@ -75,7 +86,7 @@ fn check_in_view(update: &Update) -> Verdict {
             bar.set_position(done as u64);
         }
     };
-    let verdict = check_with(update, &show);
+    let verdict = check(&show);
     bar.finish_and_clear();
     verdict
 }
@@ -233,9 +244,4 @@ fn state(quantity: &Judged, verdict: &Verdict) -> String {
         QuantityState::Explained => differs,
         QuantityState::Different => differs + ", and no known mistake gives these numbers",
     }
-}
-
-fn put(text: &mut String, name: &str, paragraph: &str) {
-    let margin = format!("\n{:INDENT$}", "");
-    *text += &format!("{name:<INDENT$}{}\n", lines(paragraph, COLUMNS - INDENT).join(&margin));
 }

@@ -49,6 +49,7 @@ mod signals;
 mod simd;
 mod study;
 mod tasks;
+mod trace;
 mod training;
 
 use std::io::Write;

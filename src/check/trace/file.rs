@@ -1,0 +1,398 @@
+//! A recorded loop in a `.safetensors` file, whoever wrote it. docs/check.md describes the layout.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::super::file::{Settings, Update, numbers};
+use crate::tensors::{check_count, header_of};
+
+/// The version of the format that is read.
+const VERSION: u64 = 1;
+/// The metadata's key that only a trace has.
+const TRACE: &str = "trace";
+const SETTINGS: &str = "settings";
+/// Largest file that is read, in bytes.
+pub(crate) const MAX_FILE_SIZE: usize = 1 << 28;
+/// Most numbers in a column, most numbers of an observation, and most actions.
+const MAX_NUMBERS: usize = 1 << 25;
+const MAX_WIDTH: usize = 4096;
+
+/// A loop, in columns. What the file does not hold is empty.
+#[derive(Debug, Default)]
+pub(crate) struct Trace {
+    pub header: Header,
+    pub settings: Settings,
+    /// The names of the settings that the file says.
+    pub told: Vec<String>,
+    pub steps: Steps,
+    pub updates: Updates,
+    pub batches: Batches,
+    pub whole: Vec<Whole>,
+    /// How much of the file is there, if not all of it.
+    pub cut: Option<String>,
+}
+
+/// What the metadata says.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(crate) struct Header {
+    /// Whether the recorder was closed.
+    pub closed: bool,
+    pub environment: String,
+    pub environments: usize,
+    /// How many actions the environment has; 0 if it does not say.
+    pub actions: usize,
+    /// The names of the network's tensors.
+    pub tensors: Vec<String>,
+    /// Whether target and online network were one object.
+    pub same_object: bool,
+    /// What the recorder could not record.
+    pub not_recorded: Vec<String>,
+}
+
+/// Numbers in rows of the same length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Rows {
+    pub values: Vec<f32>,
+    pub width: usize,
+}
+
+impl Rows {
+    pub fn row(&self, index: usize) -> &[f32] {
+        &self.values[index * self.width..(index + 1) * self.width]
+    }
+}
+
+/// Environment steps, in their order. A row is a step of one environment.
+#[derive(Debug, Default)]
+pub(crate) struct Steps {
+    pub observation: Rows,
+    pub next_observation: Rows,
+    pub action: Vec<usize>,
+    pub reward: Vec<f64>,
+    pub terminated: Vec<bool>,
+    pub truncated: Vec<bool>,
+    /// 0; 1 if the observation is the first of an episode; 2 if it was reset with the same seed as before.
+    pub reset: Vec<u8>,
+    /// NaN where none were told; without width if none were told at all.
+    pub q_values: Rows,
+    pub epsilon: Vec<f64>,
+    /// The row before of the same environment.
+    pub previous: Vec<Option<usize>>,
+}
+
+/// Updates, in their order.
+#[derive(Debug, Default)]
+pub(crate) struct Updates {
+    /// Rows of [`Steps`] before the update.
+    pub step: Vec<usize>,
+    /// After the update: a checksum of each tensor, and some of the weights.
+    pub online: Vec<Vec<u32>>,
+    pub target: Vec<Vec<u32>>,
+    pub online_sample: Rows,
+    /// Without width if there is no target network.
+    pub target_sample: Rows,
+    pub loss: Vec<f64>,
+    pub largest_target: Vec<f64>,
+    pub batch_size: Vec<usize>,
+    /// Adam's t; below 0 if it is not known.
+    pub optimizer_steps: Vec<f64>,
+}
+
+/// Some minibatches, one behind the other.
+#[derive(Debug, Default)]
+pub(crate) struct Batches {
+    pub update: Vec<usize>,
+    pub observations: Rows,
+    pub next_observations: Rows,
+    pub actions: Vec<usize>,
+    pub rewards: Vec<f64>,
+    pub terminated: Vec<bool>,
+    pub discounts: Vec<f64>,
+}
+
+/// All tensors of one update, under the names of an update's file.
+#[derive(Debug)]
+pub(crate) struct Whole {
+    pub number: usize,
+    tensors: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>,
+}
+
+impl Whole {
+    /// The update, with the tensors that `is_kept` and as its target network that from before the update, or the one after it.
+    pub fn update(
+        &self,
+        settings: Settings,
+        is_kept: impl Fn(&str) -> bool,
+        target_is_after: bool,
+    ) -> Option<Update> {
+        let after = "result.target.";
+        let prefix = if target_is_after { after } else { "target." };
+        let name = |name: &str| match name.strip_prefix(prefix) {
+            Some(rest) => Some(format!("target.{rest}")),
+            None if name.starts_with(after) || name.starts_with("target.") || !is_kept(name) => None,
+            None => Some(name.to_owned()),
+        };
+        let views = self.tensors.iter().filter_map(|(old, (dtype, shape, bytes))| {
+            Some((name(old)?, TensorView::new(*dtype, shape.clone(), bytes).ok()?))
+        });
+        let bytes = safetensors::serialize(views.collect::<Vec<_>>(), Some(settings.metadata())).ok()?;
+        Update::from_bytes(&bytes).ok()
+    }
+}
+
+/// How long a file is as its header says.
+fn whole_size(bytes: &[u8]) -> Option<usize> {
+    let header: HashMap<String, Value> = serde_json::from_slice(header_of(bytes)).ok()?;
+    let ends = header.values().filter_map(|tensor| tensor["data_offsets"][1].as_u64()).max();
+    let size = ends.unwrap_or(0).checked_add(8 + header_of(bytes).len() as u64)?;
+    usize::try_from(size).ok()
+}
+
+/// Whether the bytes of a safetensors file, as far as they go, are a trace.
+pub(crate) fn is_trace(bytes: &[u8]) -> bool {
+    let header: Option<Value> = serde_json::from_slice(header_of(bytes)).ok();
+    header.is_some_and(|header| header["__metadata__"][TRACE].is_string())
+}
+
+impl Trace {
+    pub(crate) fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+        let damaged = |error: safetensors::SafeTensorError| format!("is damaged ({error})");
+        check_count(header_of(bytes)).map_err(|problem| format!("is too large to check: {problem}"))?;
+        let has = bytes.len();
+        let size = whole_size(bytes).filter(|size| *size <= MAX_FILE_SIZE).unwrap_or(has);
+        // A file that was cut off is read as far as it goes: tensors that are not whole are left out.
+        let mut bytes = Cow::from(bytes);
+        if has < size {
+            bytes.to_mut().resize(size, 0);
+        }
+        let (header_size, metadata) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
+        let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
+        let texts = metadata.metadata().clone().unwrap_or_default();
+        let header = header(texts.get(TRACE).map_or("", String::as_str))?;
+        let told = serde_json::from_str(texts.get(SETTINGS).map_or("{}", String::as_str));
+        let told: Value = told.map_err(unread(SETTINGS))?;
+        let settings: Settings = serde_json::from_value(told.clone()).map_err(unread(SETTINGS))?;
+        if !(0.0..=1.0).contains(&settings.gamma) {
+            return Err(format!("the setting `gamma` is {}; expected a number from 0 to 1", settings.gamma));
+        }
+        let end = |name: &str| metadata.info(name).map_or(0, |info| header_size + 8 + info.data_offsets.1);
+        let (views, lost): (HashMap<_, _>, HashMap<_, _>) =
+            file.iter().map(|(name, view)| (name.to_owned(), view)).partition(|(name, _)| end(name) <= has);
+        let mut columns = Columns { views, is_cut: !lost.is_empty() };
+        let cut = (has < size).then(|| format!("the file is cut off: {has} of its {size} bytes are there"));
+        let whole = columns.whole();
+        let trace = Self {
+            header,
+            settings,
+            told: told.as_object().map_or(Vec::new(), |told| told.keys().cloned().collect()),
+            steps: columns.steps()?,
+            updates: columns.updates()?,
+            batches: columns.batches()?,
+            whole,
+            cut,
+        };
+        let (steps, updates) = (trace.steps.action.len(), trace.updates.step.len());
+        let is_in = |step: &usize| *step <= steps || steps == 0;
+        if !trace.updates.step.iter().all(is_in) || !trace.updates.step.is_sorted() {
+            return Err(format!("tensor `updates.step` must ascend to at most {steps}, the number of steps"));
+        }
+        if updates > 0 && trace.batches.update.iter().any(|&update| update >= updates) {
+            return Err(format!("tensor `batches.update` must be below {updates}, the number of updates"));
+        }
+        match steps + updates {
+            0 if trace.cut.is_none() => {
+                Err("holds no step and no update: was `learned` called, or the environment \
+                                             that `recorder.environment` returned stepped?"
+                    .into())
+            }
+            _ => Ok(trace),
+        }
+    }
+}
+
+fn unread(key: &str) -> impl Fn(serde_json::Error) -> String {
+    move |error| format!("has metadata `{key}` that cannot be read: {error}")
+}
+
+fn header(text: &str) -> Result<Header, String> {
+    let value: Value = serde_json::from_str(text).map_err(unread(TRACE))?;
+    match value["version"].as_u64() {
+        Some(VERSION) => serde_json::from_value(value).map_err(unread(TRACE)),
+        version => {
+            let found =
+                version.map_or_else(|| json!(value["version"]).to_string(), |number| number.to_string());
+            Err(format!(
+                "is a trace of version {found}; this program reads version {VERSION}. Install the program and the Python \
+                 module of the same release"
+            ))
+        }
+    }
+}
+
+/// The tensors of a file that have not been taken yet.
+#[derive(Default)]
+struct Columns<'a> {
+    views: HashMap<String, TensorView<'a>>,
+    is_cut: bool,
+}
+
+impl Columns<'_> {
+    /// A column's numbers and the length of its rows; none if the file does not have it.
+    fn column(
+        &mut self,
+        name: &str,
+        rows: Option<usize>,
+        is_finite: bool,
+    ) -> Result<Option<(Vec<f64>, usize)>, String> {
+        let Some(view) = self.views.remove(name) else { return Ok(None) };
+        let (length, width) = match *view.shape() {
+            [length] => (length, 1),
+            [length, width] if width <= MAX_WIDTH => (length, width),
+            _ => {
+                return Err(format!(
+                    "tensor `{name}` has the shape {:?}; expected [rows] or [rows, numbers]",
+                    view.shape()
+                ));
+            }
+        };
+        if let Some(rows) = rows.filter(|rows| *rows != length) {
+            return Err(format!("tensor `{name}` has {length} rows where the other columns have {rows}"));
+        }
+        let values = Some(view)
+            .filter(|_| length.saturating_mul(width) <= MAX_NUMBERS)
+            .and_then(|view| numbers(&view));
+        let values =
+            values.ok_or_else(|| format!("tensor `{name}` is too large, or of a type that is not read"))?;
+        match values.iter().position(|value| !value.is_finite()).filter(|_| is_finite) {
+            Some(at) => Err(format!(
+                "tensor `{name}` holds {} in row {}; expected finite numbers",
+                values[at],
+                at / width
+            )),
+            None => Ok(Some((values, width))),
+        }
+    }
+
+    /// A column of whole numbers from 0.
+    fn integers(&mut self, name: &str, rows: usize) -> Result<Vec<usize>, String> {
+        let (values, _) = self.column(name, Some(rows), true)?.unwrap_or((vec![0.0; rows], 1));
+        match values.iter().find(|value| value.fract() != 0.0 || !(0.0..9e15).contains(*value)) {
+            Some(value) => Err(format!("tensor `{name}` holds {value}; expected whole numbers from 0")),
+            None => Ok(values.into_iter().map(|value| value as usize).collect()),
+        }
+    }
+
+    fn flags(&mut self, name: &str, rows: usize) -> Result<Vec<bool>, String> {
+        Ok(self.integers(name, rows)?.into_iter().map(|value| value != 0).collect())
+    }
+
+    fn floats(&mut self, name: &str, rows: usize) -> Result<Vec<f64>, String> {
+        Ok(self.column(name, Some(rows), false)?.map_or(Vec::new(), |(values, _)| values))
+    }
+
+    fn rows(&mut self, name: &str, rows: usize, is_finite: bool) -> Result<Rows, String> {
+        let column = self.column(name, Some(rows), is_finite)?;
+        Ok(column.map_or(Rows::default(), |(values, width)| Rows {
+            // −0 is 0: the same observation.
+            values: values.into_iter().map(|value| value as f32 + 0.0).collect(),
+            width,
+        }))
+    }
+
+    /// How many rows the columns of a group have; none if the group is not there, or not all of it because the file is cut off.
+    fn length(&self, group: &str, needed: &[&str]) -> Result<Option<usize>, String> {
+        let view = |name: &&str| self.views.get(&format!("{group}.{name}"));
+        let missing: Vec<_> = needed.iter().filter(|name| view(name).is_none()).collect();
+        match missing.first() {
+            Some(_) if self.is_cut || missing.len() == needed.len() => Ok(None),
+            Some(name) => Err(format!("has no tensor `{group}.{name}`; expected are {}", needed.join(", "))),
+            None => Ok(view(&needed[0]).and_then(|view| view.shape().first().copied())),
+        }
+    }
+
+    fn steps(&mut self) -> Result<Steps, String> {
+        let needed = ["action", "observation", "next_observation", "reward", "terminated", "truncated"];
+        let Some(rows) = self.length("steps", &needed)? else { return Ok(Steps::default()) };
+        let environment = self.integers("steps.environment", rows)?;
+        let mut last = HashMap::new();
+        let previous = environment.iter().enumerate().map(|(row, env)| last.insert(*env, row)).collect();
+        let steps = Steps {
+            observation: self.rows("steps.observation", rows, true)?,
+            next_observation: self.rows("steps.next_observation", rows, true)?,
+            action: self.integers("steps.action", rows)?,
+            reward: self.floats("steps.reward", rows)?,
+            terminated: self.flags("steps.terminated", rows)?,
+            truncated: self.flags("steps.truncated", rows)?,
+            reset: self.integers("steps.reset", rows)?.into_iter().map(|value| value.min(2) as u8).collect(),
+            q_values: self.rows("steps.q_values", rows, false)?,
+            epsilon: self.floats("steps.epsilon", rows)?,
+            previous,
+        };
+        if steps.observation.width != steps.next_observation.width {
+            return Err("its `steps.observation` and `steps.next_observation` differ in their shape".into());
+        }
+        Ok(steps)
+    }
+
+    fn updates(&mut self) -> Result<Updates, String> {
+        let Some(rows) = self.length("updates", &["step", "online"])? else { return Ok(Updates::default()) };
+        Ok(Updates {
+            step: self.integers("updates.step", rows)?,
+            online: self.checksums("updates.online", rows)?,
+            target: self.checksums("updates.target", rows)?,
+            online_sample: self.rows("updates.online_sample", rows, false)?,
+            target_sample: self.rows("updates.target_sample", rows, false)?,
+            loss: self.floats("updates.loss", rows)?,
+            largest_target: self.floats("updates.largest_target", rows)?,
+            batch_size: self.integers("updates.batch_size", rows)?,
+            optimizer_steps: self.floats("updates.optimizer_steps", rows)?,
+        })
+    }
+
+    fn checksums(&mut self, name: &str, rows: usize) -> Result<Vec<Vec<u32>>, String> {
+        let (values, width) = self.column(name, Some(rows), true)?.unwrap_or((Vec::new(), 0));
+        let rows = values.chunks(width.max(1));
+        Ok(rows.map(|row| row.iter().map(|&value| value as u32).collect()).collect())
+    }
+
+    fn batches(&mut self) -> Result<Batches, String> {
+        let needed = ["update", "observations", "next_observations", "actions", "rewards", "terminated"];
+        let Some(rows) = self.length("batches", &needed)? else { return Ok(Batches::default()) };
+        let batches = Batches {
+            update: self.integers("batches.update", rows)?,
+            observations: self.rows("batches.observations", rows, true)?,
+            next_observations: self.rows("batches.next_observations", rows, true)?,
+            actions: self.integers("batches.actions", rows)?,
+            rewards: self.floats("batches.rewards", rows)?,
+            terminated: self.flags("batches.terminated", rows)?,
+            discounts: self.floats("batches.discounts", rows)?,
+        };
+        if batches.observations.width != batches.next_observations.width || !batches.update.is_sorted() {
+            return Err("its `batches.…` do not fit to each other".into());
+        }
+        Ok(batches)
+    }
+
+    /// The whole updates, by their numbers.
+    fn whole(&mut self) -> Vec<Whole> {
+        let mut updates: BTreeMap<usize, Whole> = BTreeMap::new();
+        for (name, view) in &self.views {
+            let parts = name.strip_prefix("update.").and_then(|rest| rest.split_once('.'));
+            if let Some((number, name)) = parts.and_then(|(number, name)| Some((number.parse().ok()?, name)))
+            {
+                let whole =
+                    updates.entry(number).or_insert_with(|| Whole { number, tensors: BTreeMap::new() });
+                whole
+                    .tensors
+                    .insert(name.to_owned(), (view.dtype(), view.shape().to_vec(), view.data().to_vec()));
+            }
+        }
+        updates.into_values().collect()
+    }
+}

@@ -1,0 +1,113 @@
+//! A whole loop: what it did, what is wrong with it, and what could not be seen.
+//!
+//! A mistake is named only where the recorded numbers prove it: a right loop has them with a probability below 10⁻⁹, or never.
+//! What is a choice is a fact. Doubt is a sentence that says what would show it.
+//!
+//! | file | what it judges |
+//! | --- | --- |
+//! | `file.rs` | a [`Trace`] from a `.safetensors` file |
+//! | `ends.rs` | episodes: their starts and their ends |
+//! | `rows.rs` | where each row of a minibatch comes from |
+//! | `memory.rs` | the rows themselves, and which are sampled |
+//! | `exploration.rs` | ε, Q-values and actions |
+//! | `target.rs` | how the target network moves |
+//! | `updates.rs` | when the network learns, and how; whole updates |
+//! | `mistakes.rs` | the mistakes, in one table |
+
+mod ends;
+mod exploration;
+mod file;
+mod memory;
+mod mistakes;
+mod rows;
+mod target;
+mod updates;
+
+use serde::Serialize;
+
+use super::mistakes::Stage;
+use file::Trace;
+pub(crate) use file::{MAX_FILE_SIZE, is_trace};
+pub use mistakes::{LOOP_MISTAKES, LoopMistake};
+
+/// What is said of a loop.
+#[derive(Debug, Default, Serialize)]
+pub struct Judgement {
+    /// What the loop is, and what it does.
+    pub facts: Vec<String>,
+    pub mistakes: Vec<Named>,
+    /// What could not be seen, and what would show it.
+    pub not_seen: Vec<String>,
+}
+
+/// A mistake, and the numbers that prove it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Named {
+    #[serde(flatten)]
+    pub mistake: LoopMistake,
+    pub numbers: String,
+}
+
+impl Judgement {
+    fn fact(&mut self, fact: String) {
+        self.facts.push(fact);
+    }
+
+    fn name(&mut self, id: &str, numbers: String) {
+        let mistake = LOOP_MISTAKES.iter().find(|mistake| mistake.id == id);
+        debug_assert!(mistake.is_some(), "{id} is in the table");
+        self.mistakes.extend(mistake.map(|&mistake| Named { mistake, numbers }));
+    }
+
+    fn doubt(&mut self, sentence: String) {
+        self.not_seen.push(sentence);
+    }
+
+    fn has(&self, ids: &[&str]) -> bool {
+        self.mistakes.iter().any(|named| ids.contains(&named.mistake.id))
+    }
+}
+
+/// Judges the bytes of a trace. `progress` is told how many candidates for a quantity of a whole update have been tried.
+///
+/// # Errors
+///
+/// Why they are no trace.
+pub fn judge(bytes: &[u8], progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> Result<Judgement, String> {
+    let trace = Trace::from_bytes(bytes)?;
+    let mut judgement = Judgement::default();
+    if let Some(cut) = &trace.cut {
+        judgement.doubt(format!("{cut}; it is judged as far as it goes"));
+    } else if !trace.header.closed {
+        let steps = count(trace.steps.action.len());
+        judgement
+            .doubt(format!("the recorder was not closed: what came after step {steps} is not in the file"));
+    }
+    let episodes = ends::judge(&trace, &mut judgement);
+    let rows = rows::origins(&trace);
+    memory::judge(&trace, &rows, &episodes, &mut judgement);
+    exploration::judge(&trace, &episodes, &mut judgement);
+    target::judge(&trace, &mut judgement);
+    updates::judge(&trace, &episodes, &mut judgement);
+    updates::judge_whole(&trace, &mut judgement, progress);
+    judgement.not_seen.extend(trace.header.not_recorded.iter().map(|text| format!("not recorded: {text}")));
+    Ok(judgement)
+}
+
+/// A number with its thousands apart.
+fn count(number: usize) -> String {
+    let digits = number.to_string();
+    let groups: Vec<_> = digits.as_bytes().rchunks(3).rev().map(String::from_utf8_lossy).collect();
+    groups.join(",")
+}
+
+/// A number of things, and its name: "1 step", "1,500 steps".
+fn counted(number: usize, name: &str) -> String {
+    format!("{} {name}{}", count(number), if number == 1 { "" } else { "s" })
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.retain(|value| value.is_finite());
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}

@@ -1,0 +1,366 @@
+//! When the network learns, and how; whole updates.
+
+use std::collections::BTreeSet;
+
+use super::super::activation::LayerKinds;
+use super::super::mistakes::Stage;
+use super::super::file::{Settings, Update};
+use super::super::pass::forward;
+use super::super::reference::Reference;
+use super::super::rounding::agrees;
+use super::super::variant::Variant;
+use super::super::verdict::{QuantityState, Verdict, check_with};
+use super::ends::Episodes;
+use super::file::{Trace, Whole};
+use super::{Judgement, LoopMistake, Named, count, counted, median};
+use crate::nn::{Loss, Mlp};
+
+/// Updates that are enough to speak of all of them.
+const ENOUGH: usize = 20;
+/// By how much a target may be above the largest return that the rewards allow.
+const BEYOND: f64 = 5.0;
+/// Whole updates that are judged.
+const JUDGED: usize = 3;
+/// Weights times transitions up to which so many are judged; of larger ones one.
+const MAX_PRODUCTS: usize = 1 << 24;
+/// What γ may be where it was not told.
+const GAMMAS: [f64; 8] = [0.99, 0.95, 0.9, 0.98, 0.999, 0.995, 0.97, 1.0];
+
+pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
+    let (updates, steps) = (&trace.updates, trace.steps.action.len());
+    let all = updates.step.len();
+    if all == 0 {
+        judgement.doubt(
+            "no update was recorded, so nothing is said of learning: call recorder.learned after each".into(),
+        );
+        return;
+    }
+    let size = updates.batch_size.last().filter(|size| **size > 0);
+    let size = size.map_or(String::new(), |size| format!(" with minibatches of {}", count(*size)));
+    let first = updates.step[0];
+    let rate = all as f64 / (steps - first.min(steps)).max(1) as f64;
+    judgement.fact(format!(
+        "{}{size}, the first after {}, {rate:.2} per step since",
+        counted(all, "update"),
+        counted(first, "step")
+    ));
+    unchanged(trace, judgement);
+    at_ends_only(trace, judgement);
+    while_evaluating(trace, episodes, judgement);
+    diverges(trace, judgement);
+    if all >= ENOUGH && updates.optimizer_steps.len() == all {
+        let (first, last) = (updates.optimizer_steps[0], updates.optimizer_steps[all - 1]);
+        if first >= 0.0 && last <= 1.0 && updates.optimizer_steps.iter().all(|steps| *steps <= 1.0) {
+            judgement.name(
+                "optimizer_made_anew",
+                format!("its step count is at most {last} at all of {}", counted(all, "update")),
+            );
+        }
+    }
+}
+
+/// A network whose checksums stay.
+fn unchanged(trace: &Trace, judgement: &mut Judgement) {
+    let online = &trace.updates.online;
+    let Some(first) = online.first().filter(|_| online.len() >= ENOUGH) else { return };
+    if online.iter().all(|checksums| checksums == first) {
+        let updates = counted(online.len(), "update");
+        judgement.name("online_never_changes", format!("its checksums are the same at all of {updates}"));
+    }
+}
+
+/// Tensors that are the same in the first whole update and after the last.
+fn unchanged_layers(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+    let (Some((from, first)), Some((to, last))) = (updates.first(), updates.last()) else { return };
+    let Some(after) = &last.results.online else { return };
+    let apart = to.number - from.number;
+    if apart < 5 * ENOUGH || judgement.has(&["online_never_changes", "units_die"]) {
+        return;
+    }
+    let still = (0..after.num_layers()).flat_map(|layer| {
+        let weights = after.sizes()[layer] * after.sizes()[layer + 1];
+        let (before, after) = (first.online.layer(layer), after.layer(layer));
+        let weight = (before[..weights] == after[..weights]).then(|| format!("{}.weight", 2 * layer));
+        let bias = (before[weights..] == after[weights..]).then(|| format!("{}.bias", 2 * layer));
+        [weight, bias].into_iter().flatten()
+    });
+    let still: Vec<String> = still.collect();
+    if !still.is_empty() {
+        let updates = counted(apart, "update");
+        judgement.name("layer_never_changes", format!("{} is the same {updates} later", still.join(", ")));
+    }
+}
+
+fn at_ends_only(trace: &Trace, judgement: &mut Judgement) {
+    let (updates, steps) = (&trace.updates.step, trace.steps.action.len());
+    let places: BTreeSet<usize> = updates.iter().copied().collect();
+    let is_end = |place: &usize| place.checked_sub(1).is_some_and(|row| row < steps && trace.ended(row));
+    if trace.header.environments <= 1 && places.len() >= 10 && places.iter().all(is_end) {
+        let numbers = format!(
+            "{} in {}, all of them at the ends of episodes",
+            counted(updates.len(), "update"),
+            counted(steps, "step")
+        );
+        if updates.len() * 8 <= steps {
+            judgement.name("learns_at_episode_ends_only", numbers)
+        } else {
+            judgement.fact(numbers)
+        }
+    }
+}
+
+/// Whole episodes with ε = 0 between others, during which there are updates.
+fn while_evaluating(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
+    let epsilon = &trace.steps.epsilon;
+    if epsilon.is_empty() || trace.header.environments > 1 {
+        return;
+    }
+    let ends = episodes.starts.iter().skip(1).copied().chain([epsilon.len()]);
+    // Whether each episode is greedy, and how many updates it has.
+    let played: Vec<(bool, usize)> = episodes
+        .starts
+        .iter()
+        .zip(ends)
+        .map(|(&start, end)| {
+            let learned = trace.updates.step.partition_point(|step| *step < end)
+                - trace.updates.step.partition_point(|step| *step <= start);
+            (epsilon[start..end].iter().all(|value| *value == 0.0), learned)
+        })
+        .collect();
+    let blocks = played.windows(2).filter(|pair| !pair[0].0 && pair[1].0).count();
+    let returns = played.windows(2).filter(|pair| pair[0].0 && !pair[1].0).count();
+    let greedy: Vec<usize> = played
+        .iter()
+        .filter(|(is_greedy, learned)| *is_greedy && *learned > 0)
+        .map(|(_, learned)| *learned)
+        .collect();
+    if blocks >= 2 && returns >= 2 && greedy.len() >= 2 {
+        let numbers = format!(
+            "{} with ε = 0 between others have {}",
+            counted(greedy.len(), "episode"),
+            counted(greedy.iter().sum(), "update")
+        );
+        judgement.name("learns_while_evaluating", numbers);
+    }
+}
+
+fn diverges(trace: &Trace, judgement: &mut Judgement) {
+    let (updates, batches) = (&trace.updates, &trace.batches);
+    let is_infinite = |values: &[f64]| values.iter().position(|value| value.is_infinite());
+    if let Some(at) = is_infinite(&updates.loss).into_iter().chain(is_infinite(&updates.largest_target)).min()
+    {
+        judgement.name("diverges", format!("loss or targets of update {} are not finite", count(at + 1)));
+        return;
+    }
+    let discount = batches.discounts.iter().copied().fold(f64::NAN, f64::max);
+    let discount = if discount.is_nan() { trace.settings.gamma } else { discount };
+    let reward =
+        batches.rewards.iter().chain(&trace.steps.reward).map(|reward| reward.abs()).fold(0.0, f64::max);
+    let last = &updates.largest_target[updates.largest_target.len() * 9 / 10..];
+    let Some(largest) = median(last.to_vec()) else { return };
+    let bound = reward / (1.0 - discount);
+    let is_known = !batches.discounts.is_empty() || trace.told.iter().any(|name| name == "gamma");
+    if bound > 0.0 && bound.is_finite() && is_known && last.len() >= ENOUGH && largest > BEYOND * bound {
+        let numbers = format!(
+            "targets of the last {} reach {largest:.3e}, and no return is above {bound:.1}",
+            counted(last.len(), "update")
+        );
+        judgement.name("diverges", numbers);
+    } else if bound.is_finite() && bound > 0.0 {
+        judgement
+            .fact(format!("the largest targets are {largest:.3} at the end; no return is above {bound:.1}"));
+    }
+}
+
+/// What the whole updates show.
+pub(super) fn judge_whole(
+    trace: &Trace,
+    judgement: &mut Judgement,
+    progress: &(dyn Fn(Stage, usize, usize) + Sync),
+) {
+    let updates: Vec<(&Whole, Update)> = trace
+        .whole
+        .iter()
+        .filter_map(|whole| {
+            Some((whole, whole.update(trace.settings, |name| !name.starts_with("adam."), false)?))
+        })
+        .collect();
+    if updates.is_empty() {
+        if trace.updates.step.len() > ENOUGH {
+            judgement.doubt(
+                "the updates themselves: none was recorded whole, which needs dense layers with ReLU between them, and the \
+                 batch. save_update of one update shows as much"
+                    .into(),
+            );
+        }
+        return;
+    }
+    dead(trace, &updates, judgement);
+    unchanged_layers(&updates, judgement);
+    if trace.updates.optimizer_steps.last().is_none_or(|steps| *steps < 1.5) {
+        first_steps(&updates, judgement);
+    }
+    let mut order = vec![updates.len() - 1, 0, updates.len() / 2];
+    order.dedup();
+    let (_, first) = &updates[0];
+    let is_large = first.online.parameters().len() * first.batch.rewards.len() > MAX_PRODUCTS;
+    let (mut equal, mut settings) = (0, trace.settings);
+    for &index in order.iter().take(if is_large { 1 } else { JUDGED }) {
+        let number = updates[index].0.number;
+        let Some(update) = as_told(trace, updates[index].0) else { continue };
+        let verdict = check_with(&update, progress);
+        if !verdict.equal {
+            explain(number, &verdict, trace, judgement);
+            break;
+        }
+        equal += 1;
+        settings = update.settings;
+    }
+    if equal > 0 {
+        let loss = if settings.loss == Loss::Mse { "mse" } else { "huber" };
+        let double = if settings.double { ", double" } else { "" };
+        judgement.fact(format!(
+            "{} computed again and equal, with gamma {}, loss {loss}{double}",
+            counted(equal, "update"),
+            settings.gamma
+        ));
+    }
+}
+
+/// Hidden layers that are 0 for every observation.
+fn dead(trace: &Trace, updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+    let Some((whole, _)) = updates.last() else { return };
+    // Only of a network whose targets are those of dense layers with ReLU between them.
+    let is_known = |update: &Update| update.results.targets.is_some() && equal_in_targets_and_loss(update);
+    let Some(update) = as_told(trace, whole).filter(is_known) else { return };
+    let pass = forward(&update.online, &update.batch.observations, LayerKinds::RIGHT, update.rounding_unit);
+    let (mut all, mut silent) = (0, 0);
+    for layer in 0..update.online.num_layers() - 1 {
+        let outputs = pass.before_activation(layer);
+        let dead = outputs.column_iter().filter(|unit| unit.iter().all(|value| *value <= 0.0)).count();
+        if dead == outputs.ncols() {
+            let numbers = format!(
+                "at update {} all {} units of hidden layer {} are 0 for {}",
+                count(whole.number + 1),
+                count(dead),
+                layer + 1,
+                counted(outputs.nrows(), "observation")
+            );
+            // That nothing else changes follows.
+            judgement.mistakes.retain(|named| named.mistake.id != "online_never_changes");
+            judgement.name("units_die", numbers);
+            return;
+        }
+        all += outputs.ncols();
+        silent += dead;
+    }
+    if silent > 0 {
+        judgement.fact(format!(
+            "{} of {} hidden units are 0 for all observations of a minibatch",
+            count(silent),
+            count(all)
+        ));
+    }
+}
+
+/// The first step of Adam is the learning rate for every weight with a gradient.
+fn first_steps(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+    let is_first = |(whole, update): &&(&Whole, Update)| {
+        let Some(after) = &update.results.online else { return false };
+        let moved = |after: &Mlp<f64>| -> Vec<f64> {
+            let pairs = after.parameters().iter().zip(update.online.parameters());
+            pairs.map(|(after, before)| (after - before).abs()).filter(|step| *step > 0.0).collect()
+        };
+        let steps = moved(after);
+        let longest = steps.iter().copied().fold(0.0, f64::max);
+        let alike = steps.iter().filter(|step| **step > 0.98 * longest).count();
+        whole.number > 0 && steps.len() >= 50 && alike * 100 >= steps.len() * 90
+    };
+    let found = updates.iter().filter(is_first).count();
+    if found >= 3 && found * 10 >= updates.len() * 8 && !judgement.has(&["optimizer_made_anew"]) {
+        let numbers = format!(
+            "in {} of {} whole updates nearly all weights move by the same amount, as in Adam's first step",
+            count(found),
+            count(updates.len())
+        );
+        judgement.name("optimizer_made_anew", numbers);
+    }
+}
+
+/// An update under the settings that were told. What was not told is as it makes targets and loss equal, if it can.
+fn as_told(trace: &Trace, whole: &Whole) -> Option<Update> {
+    let told = |name: &str| trace.told.iter().any(|told| told == name);
+    let has_adam = told("learning_rate") && whole.update(trace.settings, |_| true, false)?.adam.steps > 0;
+    let is_kept = |name: &str| has_adam || !(name.starts_with("adam.") || name.starts_with("result.online."));
+    let losses = if told("loss") { vec![trace.settings.loss] } else { vec![Loss::Mse, Loss::Huber] };
+    let doubles = if told("double") { vec![trace.settings.double] } else { vec![false, true] };
+    let gammas = if told("gamma") { vec![trace.settings.gamma] } else { GAMMAS.to_vec() };
+    let mut first = None;
+    for &gamma in &gammas {
+        for &double in &doubles {
+            for &loss in &losses {
+                let settings = Settings { gamma, loss, double, ..trace.settings };
+                // A soft update may come before or after the targets are computed.
+                for target_is_after in [false, true] {
+                    let Some(update) = whole.update(settings, is_kept, target_is_after) else { continue };
+                    if equal_in_targets_and_loss(&update) {
+                        return Some(update);
+                    }
+                    first = first.or(Some(update));
+                }
+            }
+        }
+    }
+    first
+}
+
+fn equal_in_targets_and_loss(update: &Update) -> bool {
+    let (reference, right) = (Reference::new(update), Variant::right(update));
+    let targets = reference.targets(&right);
+    let loss = reference.loss(&right, &targets);
+    let results = &update.results;
+    let same_targets = results
+        .targets
+        .as_ref()
+        .is_none_or(|theirs| targets.values.iter().zip(theirs).all(|(ours, theirs)| agrees(ours, *theirs)));
+    same_targets && results.loss.is_none_or(|theirs| agrees(&loss.value, theirs))
+}
+
+/// What is wrong with an update, as far as the recorder was told how it should be.
+fn explain(number: usize, verdict: &Verdict, trace: &Trace, judgement: &mut Judgement) {
+    let differing =
+        |state: QuantityState| verdict.quantities.iter().filter(move |quantity| quantity.state == state);
+    let place = format!("update {}", count(number + 1));
+    if let Some(unexplained) = differing(QuantityState::Different).next() {
+        judgement.doubt(format!(
+            "why the {} of {place} differ in {} of {} numbers: a setting that the recorder was not told would do this, or a \
+             mistake that is not known. save_update of one update shows more",
+            unexplained.name.name(), count(unexplained.differing), count(unexplained.numbers)
+        ));
+        return;
+    }
+    let told = |name: &str| trace.told.iter().any(|told| told == name);
+    for explained in verdict.explanations.first().into_iter().flatten() {
+        let mistake = explained.mistake;
+        let is_choice = (mistake.id.contains("clipped") && !told("max_gradient_norm"))
+            || (mistake.stage == Stage::Loss && !told("loss"))
+            || (mistake.stage == Stage::Weights && !told("learning_rate"));
+        if is_choice {
+            judgement.fact(format!("in {place}, {}", mistake.what));
+            continue;
+        }
+        let Some(quantity) = verdict.quantities.iter().find(|quantity| quantity.name == explained.quantity)
+        else {
+            continue;
+        };
+        let numbers = format!(
+            "{} of the {} {} of {place} differ from the right ones, and this gives theirs",
+            count(quantity.differing),
+            count(quantity.numbers),
+            quantity.name.name()
+        );
+        let mistake =
+            LoopMistake { id: mistake.id, what: mistake.what, why: mistake.why, mend: mistake.mend };
+        judgement.mistakes.push(Named { mistake, numbers });
+    }
+}
