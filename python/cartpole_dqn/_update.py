@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import re
+import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Optional, Union
 
@@ -17,7 +19,8 @@ from ._run import PathLike, shown
 
 NEEDED = ("observations", "actions", "rewards", "next_observations", "terminated")
 OPTIONAL = ("truncated", "discounts", "weights")
-RESULTS = ("targets", "loss", "gradients", "online")
+RESULTS = ("targets", "loss", "gradients", "online", "q", "target")
+NETWORKS = ("gradients", "online", "target")
 SETTINGS = (
     "gamma", "loss", "double", "learning_rate", "beta1", "beta2", "epsilon", "epsilon_place", "max_gradient_norm",
     "clip_value", "huber_delta", "optimizer_name", "weight_decay", "amsgrad", "momentum", "alpha", "environment",
@@ -31,6 +34,8 @@ def save_update(
     optimizer: Any,
     batch: Mapping[str, Any],
     update: Union[Mapping[str, Any], Callable[[], Any]],
+    *,
+    forward: Optional[Callable[[Any, Any], Any]] = None,
     **settings: Any,
 ) -> None:
     """Runs one update of your DQN and writes it to a file, of which `cartpole-dqn check FILE` says what mistake it has.
@@ -54,8 +59,11 @@ def save_update(
         update: a function without arguments that does the update and returns `(targets, loss)`, `(targets, loss, gradients)`,
             or `(targets, loss, gradients, online)`, each None where you do not have it; or a mapping with any of these names,
             or a function that returns one. `targets` [B]; `loss` one number; `gradients` as the optimizer gets them (clipped);
-            `online` the network after the step. What a function does not return of gradients and network of a module of PyTorch,
-            or of the network of a model of Keras, is read from there: it must then not call `zero_grad` at its end.
+            `online` the network after the step; a mapping also `q` [B, actions], what the network said before the step, and `target`,
+            the target network after it. What a function does not return of gradients and networks of modules of PyTorch,
+            or of networks of models of Keras, is read from there: it must then not call `zero_grad` at its end.
+        forward: a function of (online, observations) that returns Q(s, ·) [B, actions], as `apply` of Flax. Modules of PyTorch and
+            models of Keras are asked without it, before the update: without dropout, gradients and random numbers.
         settings: how the update should be computed: gamma (0.99), loss ("mse" or "huber"), double (False), learning_rate
             (0.001), beta1 (0.9), beta2 (0.999), epsilon (1e-8; for Keras 1e-7), epsilon_place ("pytorch"; for Keras
             "tensorflow"), max_gradient_norm (none), clip_value (none), huber_delta (1), environment; and, where PyTorch's
@@ -69,7 +77,13 @@ def save_update(
         raise ValueError(f"there is no setting {shown(unknown[0])}; the settings are {', '.join(SETTINGS)}")
     if _is_keras(online):
         settings = {"epsilon": 1e-7, "epsilon_place": "tensorflow", **settings}
-    settings = {**_optimizer_settings(optimizer), **settings}
+    has_known_step = True
+    try:
+        settings = {**_optimizer_settings(optimizer), **settings}
+    except ValueError as error:
+        has_known_step = "optimizer_name" in settings
+        if not has_known_step:
+            warnings.warn(f"the step of the optimizer is left out: {error}. The rest of the update is written", stacklevel=2)
     if "optimizer_name" in settings:
         settings["optimizer"] = settings.pop("optimizer_name")
     text = json.dumps(settings, default=_number)
@@ -77,23 +91,26 @@ def save_update(
     shapes = {name.partition(".")[2]: array.shape for name, array in file.items()}
     if target is not None:
         file.update(_network("target", target, shapes))
-    moments = _adam(optimizer, online)
+    moments = _adam(optimizer, online) if has_known_step else None
     if moments is not None:
         steps, first, second = moments
         file["adam.steps"] = np.array([steps], dtype=np.int64)
         file.update(_network("adam.m", first, shapes))
         file.update(_network("adam.v", second, shapes))
-    for name, values in _other_moments(optimizer, online).items():
+    for name, values in _other_moments(optimizer, online).items() if has_known_step else ():
         file.update(_network(name, values, shapes))
     file.update(_batch(batch, shapes["0.weight"][1]))
     if _is_torch(online):
         before = [parameter.grad for parameter in online.parameters()]
         if all(gradient is not None for gradient in before):
             file.update(_network("before.gradients", before, shapes))
-    if callable(update):
-        file.update(_results(_with_own(update(), online), shapes))
-    else:
-        file.update(_results(update, shapes))
+    q = None
+    if callable(update) or forward is not None:
+        q = _q_values(online, forward, file["batch.observations"], actions=list(shapes.values())[-1][0])
+    results = _with_own(update(), online, target) if callable(update) else _named(update)
+    results["q"] = q if results.get("q") is None else results["q"]
+    results["online"] = results.get("online") if has_known_step else None
+    file.update(_results(results, shapes))
     _tensors.write(path, file, {"settings": text})
 
 
@@ -117,15 +134,52 @@ def _batch(batch: Mapping[str, Any], observation_size: int) -> dict[str, np.ndar
     return {f"batch.{name}": array for name, array in arrays.items()}
 
 
-def _with_own(given: Any, online: Any) -> dict[str, Any]:
-    """The results of an update, and what its network shows of them after it."""
+def _with_own(given: Any, online: Any, target: Any) -> dict[str, Any]:
+    """The results of an update, and what its networks show of them after it."""
     results = _named(given)
     if _is_torch(online) and results.get("gradients") is None:
         gradients = [parameter.grad for parameter in online.parameters()]
         results["gradients"] = None if any(gradient is None for gradient in gradients) else gradients
-    if (_is_torch(online) or _is_keras(online)) and results.get("online") is None:
-        results["online"] = online
+    for name, network in (("online", online), ("target", target)):
+        if (_is_torch(network) or _is_keras(network)) and results.get(name) is None:
+            results[name] = network
     return results
+
+
+def _q_values(online: Any, forward: Optional[Callable[..., Any]], observations: np.ndarray, actions: int) -> Optional[np.ndarray]:
+    """Q(s, ·) [B, actions], as the network says it when nothing is learned; None of a network that does not say it so."""
+    shape = (len(observations), actions)
+    if forward is not None:
+        q = _array(forward(online, observations.copy()))
+        if q.shape != shape:
+            raise ValueError(f"`forward` returned the shape {q.shape}, expected {shape}: the Q-values of all actions of each observation")
+        return q
+    try:
+        q = _asked(online, observations)
+        # Half precision is no mistake of the network.
+        is_exact = str(getattr(q, "dtype", "")).endswith(("float32", "float64"))
+        return _array(q) if is_exact and tuple(q.shape) == shape else None
+    except Exception:  # It may want another form of observations, and the update is to be done all the same.
+        return None
+
+
+def _asked(online: Any, observations: np.ndarray) -> Any:
+    """What a module of PyTorch or a model of Keras says, with the module left as it was: `eval` and `train` may do more."""
+    if _is_keras(online):
+        return online(observations if observations.dtype.kind == "f" else observations.astype(np.float32), training=False)
+    if not _is_torch(online) or not callable(online):
+        return None
+    torch = sys.modules["torch"]
+    weight = next(online.parameters())
+    modes = [(module, module.training) for module in online.modules()]
+    try:
+        for module, _ in modes:
+            module.training = False
+        with torch.no_grad(), torch.random.fork_rng([weight.device] if weight.is_cuda else []):
+            return online(torch.tensor(observations, dtype=weight.dtype, device=weight.device))
+    finally:
+        for module, was_training in modes:
+            module.training = was_training
 
 
 def _named(given: Any) -> dict[str, Any]:
@@ -148,7 +202,7 @@ def _results(given: Any, shapes: dict[str, tuple[int, ...]]) -> dict[str, np.nda
     for name, value in results.items():
         if value is None:
             continue
-        if name in ("gradients", "online"):
+        if name in NETWORKS:
             file.update(_network(f"result.{name}", value, shapes))
         else:
             file[f"result.{name}"] = _array(value)
@@ -186,18 +240,28 @@ def _adam(optimizer: Any, online: Any) -> Optional[tuple[int, Any, Any]]:
 
 
 def _optimizer_settings(optimizer: Any) -> dict[str, Any]:
-    """What an optimizer of PyTorch says of itself, where all its parameters have the same; of others nothing."""
+    """What an optimizer of PyTorch says of itself; of others nothing. Raises ValueError with the reason if its step is another one
+    than those that `check` computes."""
     groups = getattr(optimizer, "param_groups", None)
+    if not groups:
+        return {}
     kinds = {"Adam": "adam", "AdamW": "adamw", "RMSprop": "rmsprop", "SGD": "sgd"}
     kind = kinds.get(type(optimizer).__name__)
-    if not groups or kind is None or any(group.get(name) for group in groups for name in ("nesterov", "dampening", "centered", "maximize")):
-        return {}
-    group = groups[0]
+    if kind is None:
+        raise ValueError(f"it is {type(optimizer).__name__}, and `check` knows {', '.join(kinds)}")
     names = {"learning_rate": "lr", "epsilon": "eps", "weight_decay": "weight_decay", "amsgrad": "amsgrad", "momentum": "momentum", "alpha": "alpha"}
+    others = ("nesterov", "dampening", "centered", "maximize")
+    for group in groups:
+        set_ones = [name for name in others if group.get(name)]
+        if set_ones:
+            raise ValueError(f"`check` knows no {set_ones[0]}")
+        if any(group.get(name) != groups[0].get(name) for name in (*names.values(), "betas")):
+            raise ValueError("its groups of parameters have different settings")
+    group = groups[0]
     settings = {name: group[own] for name, own in names.items() if own in group}
     settings |= dict(zip(("beta1", "beta2"), group.get("betas", ())))
     settings = {name: value if isinstance(value, bool) else float(value) for name, value in settings.items()}
-    return {"optimizer": kind, **settings}
+    return {"optimizer": "adamw" if group.get("decoupled_weight_decay") else kind, **settings}
 
 
 def _other_moments(optimizer: Any, online: Any) -> dict[str, list[Any]]:

@@ -18,7 +18,10 @@ import numpy as np
 
 from . import _tensors
 from ._run import PathLike, shown
-from ._update import NEEDED, OPTIONAL, SETTINGS, _adam, _array, _is_keras, _is_torch, _leaves, _network, _number
+from ._update import (
+    NEEDED, OPTIONAL, SETTINGS, _adam, _array, _is_keras, _is_torch, _leaves, _network, _number, _optimizer_settings,
+    _other_moments, _q_values,
+)  # fmt: skip
 
 VERSION = 1
 MAX_STEPS = 1 << 20  # Environment steps in one file, and updates.
@@ -56,7 +59,8 @@ class Recorder:
             try:
                 if name not in (*SETTINGS, "environment"):
                     raise ValueError(f"there is none of that name, only {', '.join(SETTINGS)}, environment")
-                self._settings[name] = json.loads(json.dumps(value, default=_number))
+                own = "optimizer" if name == "optimizer_name" else name
+                self._settings[own] = json.loads(json.dumps(value, default=_number))
             except (TypeError, ValueError) as error:
                 self._say(f"setting {shown(name)}: {error}")
         self._environments: list[_Environment] = []
@@ -216,9 +220,16 @@ class Recorder:
         """Writes down all numbers of an update if the networks before it were kept, and keeps them if the next update is due."""
         learning = self._learning
         before, learning.before = learning.before, None
+        settings = _optimizer_settings(optimizer)
         if before is not None and batch is not None:
             shapes = {name.partition(".")[2]: array.shape for name, array in before.items() if name.startswith("online.")}
             update = {**before, **{f"batch.{name}": _array(array) for name, array in batch.items()}}
+            # Those of a rate that has just changed may not be the ones of this update.
+            if learning.settings and learning.settings == settings:
+                update["settings"] = settings
+            q = _q_values(online, None, batch["observations"], list(shapes.values())[-1][0])
+            if q is not None:
+                update["result.q"] = q
             update.update(_network("result.online", online, shapes))
             if target is not None:
                 update.update(_network("result.target", target, shapes))
@@ -239,6 +250,9 @@ class Recorder:
                 shapes = {name.partition(".")[2]: array.shape for name, array in kept.items()}
                 if target is not None:
                     kept.update(_network("target", target, shapes))
+                learning.settings = settings
+                for name, values in _other_moments(optimizer, online).items():
+                    kept.update(_network(name, values, shapes))
                 if optimizer is not None and (moments := _adam(optimizer, online)) is not None:
                     kept["adam.steps"] = np.array([moments[0]], np.int64)
                     kept.update(_network("adam.m", moments[1], shapes))
@@ -280,7 +294,7 @@ class Recorder:
                     column = np.concatenate([batch[name] for batch in batches.values()])
                     file[f"batches.{name}"] = column if name.endswith("observations") else column[:, 0]
         for number, update in self._learning.updates.kept.items():
-            file.update({f"update.{number}.{name}": array for name, array in update.items()})
+            file.update({f"update.{number}.{name}": array for name, array in update.items() if name != "settings"})
         env = self._environments[-1] if self._environments else None
         inner = next(iter(getattr(env, "envs", None) or ()), None)
         spec = getattr(env, "spec", None) or getattr(inner, "spec", None)
@@ -297,6 +311,8 @@ class Recorder:
         }
         settings = {name: value for name, value in self._settings.items() if name != "environment"}
         metadata = {"trace": json.dumps(facts, default=_number), "settings": json.dumps(settings, default=_number)}
+        updates = self._learning.updates.kept.items()
+        metadata.update({f"update.{number}.settings": json.dumps(update["settings"]) for number, update in updates if "settings" in update})
         temporary = f"{self._path}.{os.getpid()}.tmp"
         try:
             # A file that is cut off later still has the steps.
@@ -356,12 +372,12 @@ class _Kept:
 
     def __init__(self, limit: int, first: int, period: int) -> None:
         self.limit, self.first, self.period = limit, first, period
-        self.kept: dict[int, dict[str, np.ndarray]] = {}
+        self.kept: dict[int, dict[str, Any]] = {}
 
     def is_due(self, number: int) -> bool:
         return number < self.first or number % self.period == 0
 
-    def keep(self, number: int, thing: dict[str, np.ndarray]) -> None:
+    def keep(self, number: int, thing: dict[str, Any]) -> None:
         while len(self.kept) >= self.limit and self.period < MAX_STEPS:
             self.period *= 2
             self.kept = {other: kept for other, kept in self.kept.items() if self.is_due(other)}
@@ -378,6 +394,7 @@ class _Learning:
         self.torch: dict[str, tuple[list[Any], int, list[_Tensor]]] = {}
         self.modules: dict[str, Any] = {}
         self.before: Optional[dict[str, np.ndarray]] = None
+        self.settings: dict[str, Any] = {}  # Of the optimizer, before the next update.
         self.batches = _Kept(MAX_BATCHES, 10, 8)
         # Update 0 has no network before it.
         self.updates = _Kept(MAX_UPDATES, 3, 32)

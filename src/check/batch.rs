@@ -407,7 +407,9 @@ impl<'a> Rows<'a> {
                 batch.terminated[i] == (outcome.reward != 0.0) && batch.rewards[i] == f64::from(end)
             })
         };
-        if !ends.is_empty() && (is_exchanged(false) || is_exchanged(true)) {
+        // Of ends alone, as the single steps of an n-step batch are, the two are equal.
+        let has_both = !ends.is_empty() && ends.len() < steps.len();
+        if has_both && (is_exchanged(false) || is_exchanged(true)) {
             let count = steps.len();
             judged.found(
                 "reward_and_end_exchanged",

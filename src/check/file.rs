@@ -265,7 +265,7 @@ impl Settings {
         self.weight_decay.unwrap_or(default)
     }
 
-    fn validate(&self) -> Result<(), String> {
+    pub(super) fn validate(&self) -> Result<(), String> {
         let Self { gamma, learning_rate, beta1, beta2, epsilon, .. } = *self;
         let [norm, clip_value] = [self.max_gradient_norm, self.clip_value].map(|limit| limit.unwrap_or(1.0));
         let weight_decay = self.weight_decay();

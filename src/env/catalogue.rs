@@ -45,7 +45,7 @@ impl EnvironmentId {
     }
 
     /// One step from what an agent sees, without a time limit: what it sees then, in f64. None for a state that no agent sees.
-    pub(crate) fn step_from(self, seen: &[f64], action: usize) -> Option<(Vec<f64>, Outcome)> {
+    pub fn step_from(self, seen: &[f64], action: usize) -> Option<(Vec<f64>, Outcome)> {
         let mut observation = vec![0.0; seen.len()];
         let mut stepped = |mut environment: Box<dyn Environment>| {
             let outcome = environment.step(action, &mut observation).ok()?;

@@ -263,12 +263,17 @@ fn right_updates_of_every_optimiser_and_setting_are_equal() {
     }
 }
 
-/// Rows of a task under a limit of 40 steps: (s, a, r, s′, terminated, truncated, whether it is the first after a reset).
+/// (s, a, r, s′, terminated, truncated)
 type Row = (Vec<f64>, usize, f64, Vec<f64>, bool, bool);
 
+/// Rows of a task under a limit of 40 steps.
 fn rows(id: EnvironmentId, count: usize) -> Vec<Row> {
+    rows_within(id, count, 40)
+}
+
+fn rows_within(id: EnvironmentId, count: usize, limit: u32) -> Vec<Row> {
     let mut rng = Rng::from_seed(3);
-    let mut environment = id.make(40).unwrap();
+    let mut environment = id.make(limit).unwrap();
     let spec = environment.spec().clone();
     let mut seen = vec![0.0_f32; spec.observation_size];
     environment.reset(Start::Seed(1), &mut seen).unwrap();
@@ -374,6 +379,9 @@ fn right_rows_raise_no_alarm_whatever_somebody_chose() {
         let mut punished = right.clone();
         punished.iter_mut().for_each(|row| row.2 = if row.4 { -10.0 } else { row.2 });
         assert_eq!(judged(id, &punished, true).0, NOTHING, "{id:?}");
+        // Single steps among those of an n-step batch are the last ones of their episodes.
+        let ends: Vec<Row> = right.iter().filter(|row| row.4).cloned().collect();
+        assert!(ends.is_empty() || judged(id, &ends, true).0.is_empty(), "{id:?}");
     }
 }
 
@@ -428,4 +436,20 @@ fn every_mistake_of_a_batch_is_named() {
     let mut stays = acrobot.clone();
     stays.iter_mut().for_each(|row| row.3 = row.0.clone());
     assert_eq!(judged(id, &stays, true).0, ["next_is_current"]);
+    let right = rows_within(id, 10_000, 10_000);
+    let ends = right.iter().position(|row| row.4).expect("an end");
+    let around = &right[ends.saturating_sub(50)..right.len().min(ends + 50)];
+    let mut shifted = around.to_vec();
+    shifted.iter_mut().skip(1).zip(around).for_each(|(row, before)| row.2 = before.2);
+    assert_eq!(judged(id, &shifted, true).0, ["reward_of_another_step"]);
+
+    // Stepped on where the task has ended.
+    let mut beyond = rows(task, 60);
+    for i in 1..20 {
+        let before = beyond[i - 1].3.clone();
+        let (next, outcome) = task.step_from(&before, 1).unwrap();
+        beyond[i] = (before, 1, 1.0, next, outcome.terminated, false);
+    }
+    let settings = Settings { environment: Some(task), ..Settings::default() };
+    assert_eq!(judged_with(settings, task, &beyond, true).0, ["steps_after_the_end"]);
 }

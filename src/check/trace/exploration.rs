@@ -261,8 +261,7 @@ fn old_observations(trace: &Trace, judgement: &mut Judgement) {
 /// network of now or of before the update.
 fn compared(trace: &Trace, whole: &Whole) -> Vec<(bool, bool)> {
     let (steps, updates) = (&trace.steps, &trace.updates.step);
-    let is_kept = |name: &str| !name.starts_with("adam.");
-    let Some(update) = whole.update(trace.settings, is_kept, false) else { return Vec::new() };
+    let Some(update) = whole.without_optimizer() else { return Vec::new() };
     let place = |number: usize| updates.get(number).copied();
     let (Some(from), Some(until), Some(after)) =
         (place(whole.number), place(whole.number + 1), &update.results.online)

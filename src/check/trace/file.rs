@@ -26,9 +26,7 @@ const MAX_WIDTH: usize = 4096;
 #[derive(Debug, Default)]
 pub(crate) struct Trace {
     pub header: Header,
-    pub settings: Settings,
-    /// The names of the settings that the file says.
-    pub told: Vec<String>,
+    pub told: Told,
     pub steps: Steps,
     pub updates: Updates,
     pub batches: Batches,
@@ -116,33 +114,62 @@ pub(crate) struct Batches {
     pub discounts: Vec<f64>,
 }
 
-/// All tensors of one update, under the names of an update's file.
+/// All tensors of one update, under the names of an update's file; but `result.q` is Q(s, ·) after the update.
 #[derive(Debug)]
 pub(crate) struct Whole {
     pub number: usize,
+    pub told: Told,
     tensors: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>,
 }
 
+/// Settings, and the names of those that the file says.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Told {
+    pub settings: Settings,
+    names: Vec<String>,
+}
+
+impl Told {
+    fn new(texts: &[&str]) -> Result<Self, serde_json::Error> {
+        let mut all = serde_json::Map::new();
+        for text in texts {
+            all.extend(serde_json::from_str::<serde_json::Map<_, _>>(text)?);
+        }
+        let names = all.keys().cloned().collect();
+        Ok(Self { settings: serde_json::from_value(Value::Object(all))?, names })
+    }
+
+    pub fn has(&self, name: &str) -> bool {
+        self.names.iter().any(|told| told == name)
+    }
+}
+
 impl Whole {
-    /// The update, with the tensors that `is_kept` and as its target network that from before the update, or the one after it.
+    /// The update with these settings, of the tensors for which there is a new name.
     pub fn update(
         &self,
         settings: Settings,
-        is_kept: impl Fn(&str) -> bool,
-        target_is_after: bool,
+        new_name: impl for<'a> Fn(&'a str) -> Option<Cow<'a, str>>,
     ) -> Option<Update> {
-        let after = "result.target.";
-        let prefix = if target_is_after { after } else { "target." };
-        let name = |name: &str| match name.strip_prefix(prefix) {
-            Some(rest) => Some(format!("target.{rest}")),
-            None if name.starts_with(after) || name.starts_with("target.") || !is_kept(name) => None,
-            None => Some(name.to_owned()),
-        };
-        let views = self.tensors.iter().filter_map(|(old, (dtype, shape, bytes))| {
-            Some((name(old)?, TensorView::new(*dtype, shape.clone(), bytes).ok()?))
+        let views = self.tensors.iter().filter_map(|(name, (dtype, shape, bytes))| {
+            Some((new_name(name)?, TensorView::new(*dtype, shape.clone(), bytes).ok()?))
         });
         let bytes = safetensors::serialize(views.collect::<Vec<_>>(), Some(settings.metadata())).ok()?;
         Update::from_bytes(&bytes).ok()
+    }
+
+    /// The update without what the optimiser remembers.
+    pub fn without_optimizer(&self) -> Option<Update> {
+        let is_kept = |name: &str| !(name.starts_with("adam.") || name == "result.q");
+        self.update(self.told.settings, |name| is_kept(name).then(|| name.into()))
+    }
+
+    /// The forward pass of the online network after the update.
+    pub fn forward(&self) -> Option<Update> {
+        self.update(self.told.settings, |name| match name.strip_prefix("result.online.") {
+            Some(rest) => Some(format!("online.{rest}").into()),
+            None => (name.starts_with("batch.") || name == "result.q").then(|| name.into()),
+        })
     }
 }
 
@@ -175,22 +202,23 @@ impl Trace {
         let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
         let texts = metadata.metadata().clone().unwrap_or_default();
         let header = header(texts.get(TRACE).map_or("", String::as_str))?;
-        let told = serde_json::from_str(texts.get(SETTINGS).map_or("{}", String::as_str));
-        let told: Value = told.map_err(unread(SETTINGS))?;
-        let settings: Settings = serde_json::from_value(told.clone()).map_err(unread(SETTINGS))?;
-        if !(0.0..=1.0).contains(&settings.gamma) {
-            return Err(format!("the setting `gamma` is {}; expected a number from 0 to 1", settings.gamma));
-        }
+        let settings = texts.get(SETTINGS).map_or("{}", String::as_str);
+        let told = Told::new(&[settings]).map_err(unread(SETTINGS))?;
+        told.settings.validate()?;
         let end = |name: &str| metadata.info(name).map_or(0, |info| header_size + 8 + info.data_offsets.1);
         let (views, lost): (HashMap<_, _>, HashMap<_, _>) =
             file.iter().map(|(name, view)| (name.to_owned(), view)).partition(|(name, _)| end(name) <= has);
         let mut columns = Columns { views, is_cut: !lost.is_empty() };
         let cut = (has < size).then(|| format!("the file is cut off: {has} of its {size} bytes are there"));
-        let whole = columns.whole();
+        let whole = columns.whole(|number| {
+            let own = format!("update.{number}.{SETTINGS}");
+            let own = texts.get(&own).map_or("{}", String::as_str);
+            // What the optimiser says of itself comes first: the user's word is the last.
+            Told::new(&[own, settings]).unwrap_or_else(|_| told.clone())
+        });
         let trace = Self {
             header,
-            settings,
-            told: told.as_object().map_or(Vec::new(), |told| told.keys().cloned().collect()),
+            told,
             steps: columns.steps()?,
             updates: columns.updates()?,
             batches: columns.batches()?,
@@ -380,14 +408,18 @@ impl Columns<'_> {
     }
 
     /// The whole updates, by their numbers.
-    fn whole(&mut self) -> Vec<Whole> {
+    fn whole(&mut self, told: impl Fn(usize) -> Told) -> Vec<Whole> {
         let mut updates: BTreeMap<usize, Whole> = BTreeMap::new();
         for (name, view) in &self.views {
             let parts = name.strip_prefix("update.").and_then(|rest| rest.split_once('.'));
             if let Some((number, name)) = parts.and_then(|(number, name)| Some((number.parse().ok()?, name)))
             {
-                let whole =
-                    updates.entry(number).or_insert_with(|| Whole { number, tensors: BTreeMap::new() });
+                let whole = updates.entry(number);
+                let whole = whole.or_insert_with(|| Whole {
+                    number,
+                    told: told(number),
+                    tensors: BTreeMap::new(),
+                });
                 whole
                     .tensors
                     .insert(name.to_owned(), (view.dtype(), view.shape().to_vec(), view.data().to_vec()));

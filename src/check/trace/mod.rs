@@ -25,7 +25,7 @@ mod updates;
 
 use serde::Serialize;
 
-use super::mistakes::Stage;
+use super::mistakes::{Mistake, Stage};
 use file::Trace;
 pub(crate) use file::{MAX_FILE_SIZE, is_trace};
 pub use mistakes::{LOOP_MISTAKES, LoopMistake};
@@ -57,6 +57,14 @@ impl Judgement {
         let mistake = LOOP_MISTAKES.iter().find(|mistake| mistake.id == id);
         debug_assert!(mistake.is_some(), "{id} is in the table");
         self.mistakes.extend(mistake.map(|&mistake| Named { mistake, numbers }));
+    }
+
+    /// As [`Judgement::name`], of a mistake of an update, if it is not known yet.
+    fn add(&mut self, mistake: &Mistake, numbers: String) {
+        let &Mistake { id, what, why, mend, .. } = mistake;
+        if !self.has(&[id]) {
+            self.mistakes.push(Named { mistake: LoopMistake { id, what, why, mend }, numbers });
+        }
     }
 
     fn doubt(&mut self, sentence: String) {

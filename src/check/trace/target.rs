@@ -205,7 +205,7 @@ fn not_initialised(trace: &Trace, changes: &[Change], judgement: &mut Judgement)
     if changes.first().is_some_and(|change| change.update <= 1) || judgement.has(&["target_never_updated"]) {
         return;
     }
-    let Some(update) = first.update(trace.settings, |name| !name.starts_with("adam."), false) else { return };
+    let Some(update) = first.without_optimizer() else { return };
     let (Some(target), Some(after)) = (&update.target, &update.results.online) else { return };
     let (online, target) = (update.online.parameters(), target.parameters());
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();

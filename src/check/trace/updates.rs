@@ -1,9 +1,10 @@
 //! When the network learns, and how; whole updates.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use super::super::activation::LayerKinds;
-use super::super::mistakes::Stage;
+use super::super::mistakes::{Mistake, Stage};
 use super::super::file::{Settings, Update};
 use super::super::pass::forward;
 use super::super::reference::Reference;
@@ -11,8 +12,8 @@ use super::super::rounding::agrees;
 use super::super::variant::Variant;
 use super::super::verdict::{QuantityState, Verdict, check_with};
 use super::ends::Episodes;
-use super::file::{Trace, Whole};
-use super::{Judgement, LoopMistake, Named, count, counted, median};
+use super::file::{Told, Trace, Whole};
+use super::{Judgement, count, counted, median};
 use crate::nn::{Loss, Mlp};
 
 /// Updates that are enough to speak of all of them.
@@ -153,13 +154,13 @@ fn diverges(trace: &Trace, judgement: &mut Judgement) {
         return;
     }
     let discount = batches.discounts.iter().copied().fold(f64::NAN, f64::max);
-    let discount = if discount.is_nan() { trace.settings.gamma } else { discount };
+    let discount = if discount.is_nan() { trace.told.settings.gamma } else { discount };
     let reward =
         batches.rewards.iter().chain(&trace.steps.reward).map(|reward| reward.abs()).fold(0.0, f64::max);
     let last = &updates.largest_target[updates.largest_target.len() * 9 / 10..];
     let Some(largest) = median(last.to_vec()) else { return };
     let bound = reward / (1.0 - discount);
-    let is_known = !batches.discounts.is_empty() || trace.told.iter().any(|name| name == "gamma");
+    let is_known = !batches.discounts.is_empty() || trace.told.has("gamma");
     if bound > 0.0 && bound.is_finite() && is_known && last.len() >= ENOUGH && largest > BEYOND * bound {
         let numbers = format!(
             "targets of the last {} reach {largest:.3e}, and no return is above {bound:.1}",
@@ -181,9 +182,7 @@ pub(super) fn judge_whole(
     let updates: Vec<(&Whole, Update)> = trace
         .whole
         .iter()
-        .filter_map(|whole| {
-            Some((whole, whole.update(trace.settings, |name| !name.starts_with("adam."), false)?))
-        })
+        .filter_map(|whole| Some((whole, whole.without_optimizer()?)))
         .collect();
     if updates.is_empty() {
         if trace.updates.step.len() > ENOUGH {
@@ -195,7 +194,7 @@ pub(super) fn judge_whole(
         }
         return;
     }
-    dead(trace, &updates, judgement);
+    dead(&updates, judgement);
     unchanged_layers(&updates, judgement);
     if trace.updates.optimizer_steps.last().is_none_or(|steps| *steps < 1.5) {
         first_steps(&updates, judgement);
@@ -204,13 +203,20 @@ pub(super) fn judge_whole(
     order.dedup();
     let (_, first) = &updates[0];
     let is_large = first.online.parameters().len() * first.batch.rewards.len() > MAX_PRODUCTS;
-    let (mut equal, mut settings) = (0, trace.settings);
+    let (mut equal, mut settings) = (0, trace.told.settings);
     for &index in order.iter().take(if is_large { 1 } else { JUDGED }) {
-        let number = updates[index].0.number;
-        let Some(update) = as_told(trace, updates[index].0) else { continue };
+        let whole = updates[index].0;
+        let forward = whole.forward().map(|forward| (Variant::right(&forward), check_with(&forward, progress)));
+        let activations = forward.as_ref().map_or(LayerKinds::RIGHT, |(right, verdict)| {
+            let mistakes = verdict.explanations.first().into_iter().flatten();
+            mistakes.fold(*right, |variant, explained| explained.mistake.on(&variant)).activations
+        });
+        let Some(update) = as_told(whole, activations) else { continue };
         let verdict = check_with(&update, progress);
+        for verdict in forward.iter().map(|(_, verdict)| verdict).chain([&verdict]).filter(|verdict| !verdict.equal) {
+            explain(whole, verdict, judgement);
+        }
         if !verdict.equal {
-            explain(number, &verdict, trace, judgement);
             break;
         }
         equal += 1;
@@ -228,11 +234,13 @@ pub(super) fn judge_whole(
 }
 
 /// Hidden layers that are 0 for every observation.
-fn dead(trace: &Trace, updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
     let Some((whole, _)) = updates.last() else { return };
     // Only of a network whose targets are those of dense layers with ReLU between them.
-    let is_known = |update: &Update| update.results.targets.is_some() && equal_in_targets_and_loss(update);
-    let Some(update) = as_told(trace, whole).filter(is_known) else { return };
+    let is_known = |update: &Update| {
+        update.results.targets.is_some() && equal_in_targets_and_loss(update, LayerKinds::RIGHT)
+    };
+    let Some(update) = as_told(whole, LayerKinds::RIGHT).filter(is_known) else { return };
     let pass = forward(&update.online, &update.batch.observations, LayerKinds::RIGHT, update.rounding_unit);
     let (mut all, mut silent) = (0, 0);
     for layer in 0..update.online.num_layers() - 1 {
@@ -288,34 +296,47 @@ fn first_steps(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
 }
 
 /// An update under the settings that were told. What was not told is as it makes targets and loss equal, if it can.
-fn as_told(trace: &Trace, whole: &Whole) -> Option<Update> {
-    let told = |name: &str| trace.told.iter().any(|told| told == name);
-    let has_adam = told("learning_rate") && whole.update(trace.settings, |_| true, false)?.adam.steps > 0;
-    let is_kept = |name: &str| has_adam || !(name.starts_with("adam.") || name.starts_with("result.online."));
-    let losses = if told("loss") { vec![trace.settings.loss] } else { vec![Loss::Mse, Loss::Huber] };
-    let doubles = if told("double") { vec![trace.settings.double] } else { vec![false, true] };
-    let gammas = if told("gamma") { vec![trace.settings.gamma] } else { GAMMAS.to_vec() };
+fn as_told(whole: &Whole, activations: LayerKinds) -> Option<Update> {
+    let told = &whole.told;
+    let remembers = |update: &Update| update.adam.steps > 0 || told.has("optimizer");
+    let has_optimizer =
+        told.has("learning_rate") && whole.update(told.settings, before).as_ref().is_some_and(remembers);
+    let is_kept = |name: &str| has_optimizer || !(name.starts_with("adam.") || name.starts_with("result.online."));
+    let losses = if told.has("loss") { vec![told.settings.loss] } else { vec![Loss::Mse, Loss::Huber] };
+    let doubles = if told.has("double") { vec![told.settings.double] } else { vec![false, true] };
+    let gammas = if told.has("gamma") { vec![told.settings.gamma] } else { GAMMAS.to_vec() };
+    let all = gammas.iter().flat_map(|&gamma| doubles.iter().map(move |&double| (gamma, double)));
+    let all = all.flat_map(|(gamma, double)| losses.iter().map(move |&loss| (gamma, double, loss)));
     let mut first = None;
-    for &gamma in &gammas {
-        for &double in &doubles {
-            for &loss in &losses {
-                let settings = Settings { gamma, loss, double, ..trace.settings };
-                // A soft update may come before or after the targets are computed.
-                for target_is_after in [false, true] {
-                    let Some(update) = whole.update(settings, is_kept, target_is_after) else { continue };
-                    if equal_in_targets_and_loss(&update) {
-                        return Some(update);
-                    }
-                    first = first.or(Some(update));
-                }
+    for (gamma, double, loss) in all {
+        let settings = Settings { gamma, double, loss, ..told.settings };
+        // A soft update may come before or after the targets are computed.
+        for name in [before, after] {
+            let Some(update) = whole.update(settings, |old| name(old).filter(|_| is_kept(old))) else { continue };
+            if equal_in_targets_and_loss(&update, activations) {
+                return Some(update);
             }
+            first = first.or(Some(update));
         }
     }
     first
 }
 
-fn equal_in_targets_and_loss(update: &Update) -> bool {
-    let (reference, right) = (Reference::new(update), Variant::right(update));
+/// The names of an update with the target network from before it.
+fn before(name: &str) -> Option<Cow<'_, str>> {
+    (name != "result.q").then(|| name.into())
+}
+
+/// The names of an update with the target network from after it.
+fn after(name: &str) -> Option<Cow<'_, str>> {
+    match name.strip_prefix("result.target.") {
+        Some(rest) => Some(format!("target.{rest}").into()),
+        None => before(name).filter(|_| !name.starts_with("target.")),
+    }
+}
+
+fn equal_in_targets_and_loss(update: &Update, activations: LayerKinds) -> bool {
+    let (reference, right) = (Reference::new(update), Variant { activations, ..Variant::right(update) });
     let targets = reference.targets(&right);
     let loss = reference.loss(&right, &targets);
     let results = &update.results;
@@ -327,40 +348,54 @@ fn equal_in_targets_and_loss(update: &Update) -> bool {
 }
 
 /// What is wrong with an update, as far as the recorder was told how it should be.
-fn explain(number: usize, verdict: &Verdict, trace: &Trace, judgement: &mut Judgement) {
-    let differing =
-        |state: QuantityState| verdict.quantities.iter().filter(move |quantity| quantity.state == state);
-    let place = format!("update {}", count(number + 1));
-    if let Some(unexplained) = differing(QuantityState::Different).next() {
+fn explain(whole: &Whole, verdict: &Verdict, judgement: &mut Judgement) {
+    let place = format!("update {}", count(whole.number + 1));
+    for found in &verdict.batch.mistakes {
+        judgement.add(found.mistake, format!("{place}: {}", found.evidence));
+    }
+    let unexplained = verdict.quantities.iter().find(|quantity| quantity.state == QuantityState::Different);
+    if let Some(quantity) = unexplained {
         judgement.doubt(format!(
             "why the {} of {place} differ in {} of {} numbers: a setting that the recorder was not told would do this, or a \
              mistake that is not known. save_update of one update shows more",
-            unexplained.name.name(), count(unexplained.differing), count(unexplained.numbers)
+            quantity.name.name(), count(quantity.differing), count(quantity.numbers)
         ));
         return;
     }
-    let told = |name: &str| trace.told.iter().any(|told| told == name);
     for explained in verdict.explanations.first().into_iter().flatten() {
         let mistake = explained.mistake;
-        let is_choice = (mistake.id.contains("clipped") && !told("max_gradient_norm"))
-            || (mistake.stage == Stage::Loss && !told("loss"))
-            || (mistake.stage == Stage::Weights && !told("learning_rate"));
-        if is_choice {
-            judgement.fact(format!("in {place}, {}", mistake.what));
-            continue;
-        }
-        let Some(quantity) = verdict.quantities.iter().find(|quantity| quantity.name == explained.quantity)
-        else {
-            continue;
+        let quantity = verdict.quantities.iter().find(|quantity| quantity.name == explained.quantity);
+        let numbers = match (&explained.measured, quantity) {
+            (Some(measured), _) => format!("{place}: {measured}"),
+            (None, Some(quantity)) => format!(
+                "{} of the {} {} of {place} differ from the right ones, and this gives theirs",
+                count(quantity.differing),
+                count(quantity.numbers),
+                quantity.name.name()
+            ),
+            (None, None) => place.clone(),
         };
-        let numbers = format!(
-            "{} of the {} {} of {place} differ from the right ones, and this gives theirs",
-            count(quantity.differing),
-            count(quantity.numbers),
-            quantity.name.name()
-        );
-        let mistake =
-            LoopMistake { id: mistake.id, what: mistake.what, why: mistake.why, mend: mistake.mend };
-        judgement.mistakes.push(Named { mistake, numbers });
+        if mistake.id == "another_network" {
+            judgement.doubt(format!(
+                "the forward pass at {place}: it is not that of dense layers with an activation between them. A scaled \
+                 observation or another layer would do this"
+            ));
+        } else if is_choice(mistake, &whole.told) {
+            judgement.fact(format!("in {place}, {}", mistake.what));
+        } else {
+            judgement.add(mistake, numbers);
+        }
     }
+}
+
+/// Whether nobody has said that it should be otherwise.
+fn is_choice(mistake: &Mistake, told: &Told) -> bool {
+    let id = mistake.id;
+    let is_activation = id.starts_with("hidden_") && id != "hidden_linear";
+    is_activation
+        || (id.contains("clipped") && !told.has("max_gradient_norm") && !told.has("clip_value"))
+        || (id.contains("discount") && !told.has("gamma"))
+        || (id.starts_with("double") && !told.has("double"))
+        || (mistake.stage == Stage::Loss && !told.has("loss"))
+        || (mistake.stage == Stage::Weights && !told.has("learning_rate"))
 }
