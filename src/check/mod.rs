@@ -21,8 +21,8 @@ mod mistakes;
 mod pass;
 mod reference;
 mod rounding;
-mod variant;
 pub mod trace;
+mod variant;
 mod verdict;
 
 pub(crate) use batch::{BatchVerdict, Found};

@@ -415,11 +415,8 @@ impl Columns<'_> {
             if let Some((number, name)) = parts.and_then(|(number, name)| Some((number.parse().ok()?, name)))
             {
                 let whole = updates.entry(number);
-                let whole = whole.or_insert_with(|| Whole {
-                    number,
-                    told: told(number),
-                    tensors: BTreeMap::new(),
-                });
+                let whole =
+                    whole.or_insert_with(|| Whole { number, told: told(number), tensors: BTreeMap::new() });
                 whole
                     .tensors
                     .insert(name.to_owned(), (view.dtype(), view.shape().to_vec(), view.data().to_vec()));

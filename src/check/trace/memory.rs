@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::ends::Episodes;
 use super::file::Trace;
 use super::rows::Origin;
-use super::{Judgement, count, counted};
+use super::{Judgement, counted};
 
 /// Rows that are enough to speak of all of them.
 const ENOUGH_ROWS: usize = 20;
@@ -29,45 +29,37 @@ impl Minibatch {
 }
 
 fn minibatches(trace: &Trace) -> Vec<Minibatch> {
-    let mut all: Vec<Minibatch> = Vec::new();
-    for (row, &update) in trace.batches.update.iter().enumerate() {
-        match all.last_mut() {
-            Some(last) if trace.batches.update[last.rows.start] == update => last.rows.end = row + 1,
-            _ => {
-                let steps = trace.updates.step.get(update).copied().unwrap_or(0);
-                all.push(Minibatch { rows: row..row + 1, steps });
-            }
-        }
-    }
-    all
+    let updates = &trace.batches.update;
+    let rows = (0..updates.len()).collect::<Vec<_>>();
+    let minibatch = |rows: &[usize]| Minibatch {
+        rows: rows[0]..rows[0] + rows.len(),
+        steps: trace.updates.step.get(updates[rows[0]]).copied().unwrap_or(0),
+    };
+    rows.chunk_by(|a, b| updates[*a] == updates[*b]).map(minibatch).collect()
 }
 
 pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &mut Judgement) {
     let minibatches = minibatches(trace);
     if minibatches.is_empty() {
-        judgement.doubt(
-            "no minibatch was recorded, so nothing is said of the memory: give `learned` the batch".into(),
-        );
+        judgement
+            .doubt("no minibatch was recorded, so nothing is said of the memory: give `learned` the batch");
         return;
     }
     repeated(trace, &minibatches, judgement);
     if origins.is_empty() {
         judgement.doubt(
             "which steps the minibatches are from: their observations are of another size than the environment's, or most \
-             of them are the same"
-                .into(),
+             of them are the same",
         );
         return;
     }
-    let unknown = origins.iter().filter(|origin| **origin == Origin::Unknown).count();
     if changed(trace, origins, judgement) {
         return;
     }
-    if unknown * 10 > origins.len() * 9 {
+    if share(origins, Origin::Unknown) > 0.9 {
         judgement.doubt(
             "which steps the minibatches are from: their observations are not those of the environment. If a wrapper scales \
-             them, let recorder.environment be the outermost one; if they are scaled elsewhere, use a wrapper"
-                .into(),
+             them, let recorder.environment be the outermost one; if they are scaled elsewhere, use a wrapper",
         );
         return;
     }
@@ -78,41 +70,39 @@ pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judg
     }
 }
 
+fn share(origins: &[Origin], kind: Origin) -> f64 {
+    origins.iter().filter(|origin| **origin == kind).count() as f64 / origins.len() as f64
+}
+
 /// Minibatches of one transition.
 fn repeated(trace: &Trace, minibatches: &[Minibatch], judgement: &mut Judgement) {
     let batches = &trace.batches;
     let row = |row: usize| {
         (batches.observations.row(row), batches.next_observations.row(row), batches.actions[row])
     };
-    let late: Vec<_> =
-        minibatches.iter().filter(|one| one.size() >= 4 && one.steps >= 4 * one.size()).collect();
-    let same =
-        late.iter().filter(|one| one.rows.clone().all(|other| row(other) == row(one.rows.start))).count();
+    let is_late = |one: &&Minibatch| one.size() >= 4 && one.steps >= 4 * one.size();
+    let late: Vec<_> = minibatches.iter().filter(is_late).collect();
+    let is_one = |one: &&&Minibatch| one.rows.clone().all(|other| row(other) == row(one.rows.start));
+    let same = late.iter().filter(is_one).count();
     if same >= ENOUGH && same * 10 >= late.len() * 9 {
-        judgement
-            .name("one_transition_repeated", format!("{} of {} minibatches", count(same), count(late.len())));
+        judgement.name("one_transition_repeated", format!("{same} of {} minibatches", late.len()));
     }
 }
 
 /// Rows of which one observation is not the environment's, or is rounded.
 fn changed(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) -> bool {
-    let of = |kind: Origin| origins.iter().filter(|origin| **origin == kind).count();
-    let (s, next, unknown) = (of(Origin::UnknownObservation), of(Origin::UnknownNext), of(Origin::Unknown));
     let all = origins.len();
-    let mostly = |number: usize| number * 10 >= all * 9 && number >= ENOUGH_ROWS;
+    let mostly = |kind: Origin| all >= ENOUGH_ROWS && share(origins, kind) >= 0.9;
     let whole = |values: &[f32]| values.iter().all(|value| value.fract() == 0.0);
-    let numbers = if mostly(s) {
-        format!("s′ of {} of {} rows is one that the environment gave, s is not", count(s), count(all))
-    } else if mostly(next) {
-        format!("s of {} of {} rows is one that the environment gave, s′ is not", count(next), count(all))
-    } else if mostly(unknown)
+    let numbers = if mostly(Origin::UnknownObservation) {
+        format!("s′ of nearly all of {all} rows is one that the environment gave, s is not")
+    } else if mostly(Origin::UnknownNext) {
+        format!("s of nearly all of {all} rows is one that the environment gave, s′ is not")
+    } else if mostly(Origin::Unknown)
         && whole(&trace.batches.observations.values)
         && !whole(&trace.steps.observation.values)
     {
-        format!(
-            "the observations of all {} rows are whole numbers, those of the environment are not",
-            count(all)
-        )
+        format!("the observations of all {all} rows are whole numbers, those of the environment are not")
     } else {
         return false;
     };
@@ -123,31 +113,26 @@ fn changed(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) -> bool
 /// Whether the rows are steps of the task.
 fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &mut Judgement) {
     let (batches, all) = (&trace.batches, origins.len());
-    let same = origins.iter().filter(|origin| **origin == Origin::Same).count();
-    if same >= ENOUGH_ROWS && same * 10 >= all * 9 {
-        judgement.name("next_is_current", format!("{} of {} rows", count(same), count(all)));
+    if all >= ENOUGH_ROWS && share(origins, Origin::Same) >= 0.9 {
+        judgement.name("next_is_current", format!("in nearly all of {all} rows"));
         return;
     }
     let reset = origins.iter().zip(&batches.terminated);
-    let reset = reset.filter(|(origin, ends)| matches!(origin, Origin::IntoReset { .. }) && !**ends).count();
+    let reset = reset.filter(|(origin, ends)| **origin == Origin::IntoReset && !**ends).count();
     if reset >= 3 {
-        let shown =
-            format!("{} of {} rows lead there without being stored as terminated", count(reset), count(all));
-        judgement.name("next_is_reset", shown);
+        let numbers = format!("{reset} of {all} rows lead there without being stored as terminated");
+        judgement.name("next_is_reset", numbers);
     }
-    let spans: Vec<Span> = spans(origins).collect();
+    let spans = spans(origins);
     let from_start = spans.iter().filter(|span| episodes.first[span.first] == span.first).count();
     let lengths: BTreeSet<_> = spans.iter().map(|span| span.between).collect();
     if spans.len() >= ENOUGH_ROWS && from_start * 100 >= spans.len() * 95 && lengths.len() >= 3 {
-        let farthest = counted(lengths.last().map_or(0, |length| length + 1), "step");
-        judgement.name(
-            "state_not_advanced",
-            format!(
-                "s of {} of {} rows is the first of its episode, s′ is up to {farthest} on",
-                count(from_start),
-                count(spans.len())
-            ),
+        let farthest = lengths.last().map_or(0, |length| length + 1);
+        let (spans, farthest) = (spans.len(), counted(farthest, "step"));
+        let numbers = format!(
+            "s of {from_start} of {spans} rows is the first of its episode, s′ is up to {farthest} on"
         );
+        judgement.name("state_not_advanced", numbers);
         return;
     }
     let most = most_between(&spans);
@@ -162,16 +147,14 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
     let wrong = spans.len() - spans.iter().filter(is_right).count();
     let never = origins.iter().filter(|origin| **origin == Origin::Never).count() + wrong;
     if never >= ENOUGH_ROWS && never * 20 >= all {
-        let numbers = format!("{} of {} rows; both observations are in the record", count(never), count(all));
+        let numbers = format!("{never} of {all} rows; both observations are in the record");
         judgement.name("row_that_never_happened", numbers);
         return;
     }
-    if most > 0 {
-        judgement.fact(format!("rows of {} steps", most + 1));
-    }
     actions(trace, &spans, judgement);
-    if most == 0 {
-        rewards(trace, &spans, judgement);
+    match most {
+        0 => rewards(trace, &spans, judgement),
+        _ => judgement.fact(format!("rows of {} steps", most + 1)),
     }
 }
 
@@ -183,11 +166,12 @@ struct Span {
     between: usize,
 }
 
-fn spans(origins: &[Origin]) -> impl Iterator<Item = Span> {
-    origins.iter().enumerate().filter_map(|(row, origin)| match *origin {
+fn spans(origins: &[Origin]) -> Vec<Span> {
+    let span = |(row, origin): (usize, &Origin)| match *origin {
         Origin::Steps { first, last, between } => Some(Span { row, first, last, between }),
         _ => None,
-    })
+    };
+    origins.iter().enumerate().filter_map(span).collect()
 }
 
 /// n − 1 of most rows.
@@ -209,11 +193,10 @@ fn actions(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
     let (stored, done): (BTreeSet<_>, BTreeSet<_>) = pairs.iter().copied().unzip();
     if pairs.len() == stored.len() && stored != done && stored.len() > 1 {
         judgement.fact("actions are stored under other numbers than the environment gets".into());
-        return;
+    } else {
+        let numbers = format!("{other} of {} rows have another action than their step", spans.len());
+        judgement.name("stored_action_is_another", numbers);
     }
-    let shown =
-        format!("{} of {} rows have another action than their step", count(other), count(spans.len()));
-    judgement.name("stored_action_is_another", shown);
 }
 
 fn rewards(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
@@ -225,22 +208,17 @@ fn rewards(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
     if other == 0 {
         return;
     }
-    let shown =
-        format!("{} of {} rows have another reward than their step", count(other), count(spans.len()));
+    let shown = format!("{other} of {} rows have another reward than their step", spans.len());
     let mut after = vec![None; steps.action.len()];
-    steps
-        .previous
-        .iter()
-        .enumerate()
-        .filter_map(|(row, before)| Some((row, (*before)?)))
-        .for_each(|(row, before)| after[before] = Some(row));
+    for (row, before) in steps.previous.iter().enumerate() {
+        before.iter().for_each(|&before| after[before] = Some(row));
+    }
     for (neighbours, name) in [(&steps.previous, "before"), (&after, "after")] {
-        let known: Vec<_> =
-            spans.iter().filter_map(|span| Some((span.row, neighbours[span.first]?))).collect();
+        let known = spans.iter().filter_map(|span| Some((span.row, neighbours[span.first]?)));
+        let known: Vec<_> = known.collect();
         let fits = known.iter().filter(|(row, step)| is_of(*row, *step)).count();
         if other >= ENOUGH_ROWS && other * 5 >= spans.len() && fits * 100 >= known.len() * 95 {
-            let numbers =
-                format!("{shown}, {} of {} that of the step {name}", count(fits), count(known.len()));
+            let numbers = format!("{shown}, {fits} of {} that of the step {name}", known.len());
             judgement.name("reward_of_another_step", numbers);
             return;
         }
@@ -251,36 +229,31 @@ fn rewards(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
 /// Whether the ends are stored as the environment said them.
 fn stored_ends(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) {
     let (steps, stored) = (&trace.steps, &trace.batches.terminated);
-    let share = |is_such: &dyn Fn(usize) -> bool| {
-        let all: Vec<Span> = spans(origins).filter(|span| is_such(span.last)).collect();
+    let count = |is_such: &dyn Fn(usize) -> bool| {
+        let all: Vec<Span> = spans(origins).into_iter().filter(|span| is_such(span.last)).collect();
         (all.len(), all.iter().filter(|span| stored[span.row]).count())
     };
-    let (cut, as_terminated) = share(&|last| steps.truncated[last] && !steps.terminated[last]);
-    let (terminated, kept) = share(&|last| steps.terminated[last]);
+    let (cut, as_terminated) = count(&|last| steps.truncated[last] && !steps.terminated[last]);
+    let (terminated, kept) = count(&|last| steps.terminated[last]);
     if as_terminated >= 2 && as_terminated * 2 > cut {
-        let numbers = format!(
-            "{} of {} rows with which the time limit ended an episode",
-            count(as_terminated),
-            count(cut)
-        );
+        let numbers = format!("{as_terminated} of {cut} rows with which the time limit ended an episode");
         judgement.name("time_limit_stored_as_terminated", numbers);
     }
-    if terminated >= 3 && (terminated - kept) * 2 > terminated {
-        let numbers = format!(
-            "{} of {} rows with which an episode terminated",
-            count(terminated - kept),
-            count(terminated)
-        );
+    let lost = terminated - kept;
+    if terminated >= 3 && lost * 2 > terminated {
+        let numbers = format!("{lost} of {terminated} rows with which an episode terminated");
         judgement.name("terminated_never_stored", numbers);
     }
     if cut == 0 && !judgement.has(&["next_is_reset"]) {
         judgement.doubt(
             "whether rows at the time limit are stored rightly: no recorded minibatch has one. \
-             gymnasium.make(…, max_episode_steps=20) shows it within a minute"
-                .into(),
+             gymnasium.make(…, max_episode_steps=20) shows it within a minute",
         );
     }
 }
+
+/// A minibatch, and the first step of each of its rows.
+type Known<'a> = (&'a Minibatch, Vec<usize>);
 
 /// Which of the steps so far are sampled.
 fn ages(
@@ -290,24 +263,20 @@ fn ages(
     minibatches: &[Minibatch],
     judgement: &mut Judgement,
 ) {
-    // The steps of each minibatch, where all but a few are known.
-    let known: Vec<(&Minibatch, Vec<usize>)> = minibatches
-        .iter()
-        .map(|one| (one, spans(&origins[one.rows.clone()]).map(|span| span.first).collect::<Vec<_>>()))
-        .filter(|(one, firsts)| firsts.len() * 10 >= one.size() * 9)
-        .collect();
-    too_early(minibatches, origins, judgement);
+    let firsts = |one: &Minibatch| spans(&origins[one.rows.clone()]).iter().map(|span| span.first).collect();
+    let all: Vec<Known> = minibatches.iter().map(|one| (one, firsts(one))).collect();
+    too_early(&all[0], judgement);
+    // Those of which all but a few steps are known.
+    let known: Vec<Known> =
+        all.into_iter().filter(|(one, firsts)| firsts.len() * 10 >= one.size() * 9).collect();
     let age = |one: &Minibatch, first: usize| one.steps.saturating_sub(first);
-    let Some(oldest) =
-        known.iter().flat_map(|(one, firsts)| firsts.iter().map(|&first| age(one, first))).max()
-    else {
-        return;
-    };
-    let (steps, size) = known.last().map_or((0, 0), |(one, _)| (one.steps, one.size()));
+    let ages = known.iter().flat_map(|(one, firsts)| firsts.iter().map(|&first| age(one, first)));
+    let Some((oldest, (last, _))) = ages.max().zip(known.last()) else { return };
+    let (steps, size) = (last.steps, last.size());
     let late: Vec<_> =
         known.iter().filter(|(one, _)| one.steps >= 8 * one.size() && one.size() > 1).collect();
     let span = trace.header.environments.max(1) * 2;
-    let is_newest = |(one, firsts): &&&(&Minibatch, Vec<usize>)| {
+    let is_newest = |(one, firsts): &&&Known| {
         let distinct: BTreeSet<_> = firsts.iter().collect();
         distinct.len() == firsts.len() && firsts.iter().all(|&first| age(one, first) <= one.size() + span)
     };
@@ -317,68 +286,47 @@ fn ages(
     let sampled: usize = half.iter().map(|(_, firsts)| firsts.len()).sum();
     let are_old = half.iter().all(|(one, _)| one.steps * 10 > latest * 13);
     if newest >= ENOUGH && newest * 10 >= late.len() * 9 {
-        judgement
-            .name("samples_only_newest", format!("{} of {} minibatches", count(newest), count(late.len())));
+        judgement.name("samples_only_newest", format!("{newest} of {} minibatches", late.len()));
     } else if half.len() >= ENOUGH && sampled >= 100 && are_old && latest > 0 {
-        let numbers = format!(
-            "of {} rows none is newer than step {}, up to step {}",
-            count(sampled),
-            count(latest + 1),
-            count(steps)
-        );
+        let newest = latest + 1;
+        let numbers = format!("of {sampled} rows none is newer than step {newest}, up to step {steps}");
         judgement.name("samples_only_oldest", numbers);
-    } else if let Some(numbers) = emptied(trace, episodes, &known) {
+    } else if is_emptied(trace, episodes, &known) {
+        let numbers =
+            format!("all rows of {} minibatches are from the episode in which they are learned", known.len());
         judgement.name("memory_emptied", numbers);
     } else if oldest * 10 < 36 * size && late.len() >= ENOUGH && size > 1 {
-        let numbers =
-            format!("no row is older than {} with minibatches of {}", counted(oldest, "step"), count(size));
+        let numbers = format!("no row is older than {oldest} steps with minibatches of {size}");
         judgement.name("memory_too_small", numbers);
-    } else if oldest * 10 < steps * 9 {
-        judgement.fact(format!("the memory holds about {}", counted(oldest, "row")));
     } else {
-        judgement.fact(format!("the memory holds {} or more", counted(oldest, "row")));
+        let (about, more) = if oldest * 10 < steps * 9 { ("about ", "") } else { ("", " or more") };
+        judgement.fact(format!("the memory holds {about}{oldest} rows{more}"));
     }
 }
 
 /// More rows in the first minibatch than there are steps.
-fn too_early(minibatches: &[Minibatch], origins: &[Origin], judgement: &mut Judgement) {
-    let Some(first) = minibatches.first() else { return };
-    let firsts: Vec<_> = spans(&origins[first.rows.clone()]).map(|span| span.first).collect();
+fn too_early((one, firsts): &Known, judgement: &mut Judgement) {
     let distinct: BTreeSet<_> = firsts.iter().collect();
-    if firsts.len() == first.size() && first.steps < first.size() && distinct.len() < first.size() {
-        judgement.name(
-            "learns_before_a_batch_is_there",
-            format!(
-                "the first minibatch has {} rows after {}",
-                count(first.size()),
-                counted(first.steps, "step")
-            ),
-        );
+    if firsts.len() == one.size() && one.steps < one.size() && distinct.len() < one.size() {
+        let steps = counted(one.steps, "step");
+        let numbers = format!("the first minibatch has {} rows after {steps}", one.size());
+        judgement.name("learns_before_a_batch_is_there", numbers);
     }
 }
 
-/// The numbers that show that no minibatch reaches behind the start of the current episode, although the memory is large enough.
-fn emptied(trace: &Trace, episodes: &Episodes, known: &[(&Minibatch, Vec<usize>)]) -> Option<String> {
-    if trace.header.environments > 1 || episodes.starts.len() < ENOUGH {
-        return None;
-    }
+/// Whether no minibatch reaches behind the start of the current episode, although the memory is large enough.
+fn is_emptied(trace: &Trace, episodes: &Episodes, known: &[Known]) -> bool {
     let start = |one: &Minibatch| episodes.first[one.steps.max(1) - 1];
-    let stays = |(one, firsts): &(&Minibatch, Vec<usize>)| firsts.iter().all(|&first| first >= start(one));
-    if !known.iter().all(stays) {
-        return None;
+    let stays = |(one, firsts): &Known| firsts.iter().all(|&first| first >= start(one));
+    if trace.header.environments > 1 || episodes.starts.len() < ENOUGH || !known.iter().all(stays) {
+        return false;
     }
     let length = |one: &Minibatch| (one.steps - start(one)).max(1);
-    let longest = known.iter().map(|(one, _)| length(one)).max()?;
+    let longest = known.iter().map(|(one, _)| length(one)).max().unwrap_or(1);
     // The chance of a memory of the longest episode to have given only rows of the current one.
-    let chance: f64 = known
-        .iter()
-        .map(|(one, firsts)| {
-            firsts.len() as f64 * (length(one) as f64 / longest.min(one.steps.max(1)) as f64).min(1.0).ln()
-        })
-        .sum();
-    let shown = format!(
-        "all rows of {} are from the episode in which they are learned",
-        counted(known.len(), "minibatch").replace("hs", "hes")
-    );
-    (chance < NEVER).then_some(shown)
+    let chance = |(one, firsts): &Known| {
+        let share = length(one) as f64 / longest.min(one.steps.max(1)) as f64;
+        firsts.len() as f64 * share.min(1.0).ln()
+    };
+    known.iter().map(chance).sum::<f64>() < NEVER
 }

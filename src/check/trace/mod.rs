@@ -67,8 +67,8 @@ impl Judgement {
         }
     }
 
-    fn doubt(&mut self, sentence: String) {
-        self.not_seen.push(sentence);
+    fn doubt(&mut self, sentence: impl Into<String>) {
+        self.not_seen.push(sentence.into());
     }
 
     fn has(&self, ids: &[&str]) -> bool {
@@ -87,7 +87,7 @@ pub fn judge(bytes: &[u8], progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> R
     if let Some(cut) = &trace.cut {
         judgement.doubt(format!("{cut}; it is judged as far as it goes"));
     } else if !trace.header.closed {
-        let steps = count(trace.steps.action.len());
+        let steps = trace.steps.action.len();
         judgement
             .doubt(format!("the recorder was not closed: what came after step {steps} is not in the file"));
     }
@@ -102,16 +102,9 @@ pub fn judge(bytes: &[u8], progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> R
     Ok(judgement)
 }
 
-/// A number with its thousands apart.
-fn count(number: usize) -> String {
-    let digits = number.to_string();
-    let groups: Vec<_> = digits.as_bytes().rchunks(3).rev().map(String::from_utf8_lossy).collect();
-    groups.join(",")
-}
-
-/// A number of things, and its name: "1 step", "1,500 steps".
+/// A number of things, and its name: "1 step", "1500 steps".
 fn counted(number: usize, name: &str) -> String {
-    format!("{} {name}{}", count(number), if number == 1 { "" } else { "s" })
+    format!("{number} {name}{}", if number == 1 { "" } else { "s" })
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {

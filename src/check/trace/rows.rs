@@ -1,7 +1,6 @@
 //! Where each row of a minibatch comes from.
 
 use std::collections::HashMap;
-use std::hash::{DefaultHasher, Hasher};
 
 use super::file::{Rows, Trace};
 
@@ -17,8 +16,8 @@ pub(super) enum Origin {
     Steps { first: usize, last: usize, between: usize },
     /// s′ is s, which no step has done.
     Same,
-    /// From an observation after which this step ended the episode, to the start of the next one.
-    IntoReset { end: usize },
+    /// From an observation with which an episode ended, to the start of the next one.
+    IntoReset,
     /// Both were seen, but one did not follow the other.
     Never,
     /// s′ was seen, and s was not.
@@ -30,34 +29,29 @@ pub(super) enum Origin {
 }
 
 /// Steps by one of their observations.
-struct Index<'a> {
-    rows: &'a Rows,
+struct Index {
     /// The latest of each, and for each the one before it.
-    latest: HashMap<u64, usize>,
+    latest: HashMap<Vec<u32>, usize>,
     before: Vec<Option<usize>>,
 }
 
-impl<'a> Index<'a> {
-    fn new(rows: &'a Rows, count: usize) -> Self {
-        let mut index = Self { rows, latest: HashMap::new(), before: Vec::with_capacity(count) };
-        for row in 0..count {
-            index.before.push(index.latest.insert(hash(rows.row(row)), row));
-        }
-        index
+impl Index {
+    fn new(rows: &Rows, count: usize) -> Self {
+        let mut latest = HashMap::new();
+        let before = (0..count).map(|row| latest.insert(bits(rows.row(row)), row)).collect();
+        Self { latest, before }
     }
 
     /// The steps with this observation, among the first `until`, the latest first.
-    fn find<'b>(&'b self, observation: &'b [f32], until: usize) -> impl Iterator<Item = usize> + 'b {
-        let latest = self.latest.get(&hash(observation)).copied();
+    fn find(&self, observation: &[f32], until: usize) -> impl Iterator<Item = usize> {
+        let latest = self.latest.get(&bits(observation)).copied();
         let all = std::iter::successors(latest, |row| self.before[*row]);
-        all.filter(move |row| *row < until && self.rows.row(*row) == observation).take(MAX_SAME)
+        all.filter(move |row| *row < until).take(MAX_SAME)
     }
 }
 
-fn hash(row: &[f32]) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    row.iter().for_each(|value| hasher.write_u32(value.to_bits()));
-    hasher.finish()
+fn bits(row: &[f32]) -> Vec<u32> {
+    row.iter().map(|value| value.to_bits()).collect()
 }
 
 /// The origin of each row of the minibatches; none if steps and minibatches have observations of other sizes, or too many of
@@ -75,26 +69,19 @@ pub(super) fn origins(trace: &Trace) -> Vec<Origin> {
     let reached = Index::new(&steps.next_observation, count);
     let origins = batches.update.iter().enumerate().map(|(row, &update)| {
         let until = trace.updates.step.get(update).map_or(count, |step| *step);
-        origin(
-            trace,
-            &seen,
-            &reached,
-            batches.observations.row(row),
-            batches.next_observations.row(row),
-            until,
-        )
+        let (s, next) = (batches.observations.row(row), batches.next_observations.row(row));
+        origin(trace, &seen, &reached, s, next, until)
     });
     origins.collect()
 }
 
 fn origin(trace: &Trace, seen: &Index, reached: &Index, s: &[f32], next: &[f32], until: usize) -> Origin {
     let steps = &trace.steps;
-    let back = |last: usize| {
-        let in_episode = |row: &usize| steps.previous[*row].filter(|_| steps.reset[*row] == 0);
-        let mut rows = std::iter::successors(Some(last), in_episode).take(MAX_STEPS).enumerate();
-        rows.find(|(_, row)| steps.observation.row(*row) == s)
+    let found = |last: usize| {
+        let back = std::iter::successors(Some(last), |row| trace.before(*row)).take(MAX_STEPS).enumerate();
+        let mut from_s = back.filter(|(_, row)| steps.observation.row(*row) == s);
+        from_s.next().map(|(between, first)| Origin::Steps { first, last, between })
     };
-    let found = |last: usize| back(last).map(|(between, first)| Origin::Steps { first, last, between });
     if let Some(origin) = reached.find(next, until).find_map(found) {
         return origin;
     }
@@ -102,15 +89,13 @@ fn origin(trace: &Trace, seen: &Index, reached: &Index, s: &[f32], next: &[f32],
         return Origin::Same;
     }
     // The episode that begins with s′ may not have made a step yet.
-    let is_start = |row: usize| steps.previous[row].filter(|_| steps.reset[row] > 0);
-    let start = seen.find(next, usize::MAX).find_map(is_start).filter(|&end| end < until);
-    if let Some(end) = start
-        && (steps.observation.row(end) == s || steps.next_observation.row(end) == s)
-    {
-        return Origin::IntoReset { end };
+    let end_before = |row: usize| steps.previous[row].filter(|_| steps.reset[row] > 0);
+    let end = seen.find(next, usize::MAX).find_map(end_before).filter(|&end| end < until);
+    if end.is_some_and(|end| steps.observation.row(end) == s || steps.next_observation.row(end) == s) {
+        return Origin::IntoReset;
     }
-    let is_seen = seen.find(s, until).next().is_some() || reached.find(s, until).next().is_some();
-    match (is_seen, reached.find(next, until).next().is_some() || start.is_some()) {
+    let is_reached = |row: &[f32]| reached.find(row, until).next().is_some();
+    match (seen.find(s, until).next().is_some() || is_reached(s), is_reached(next) || end.is_some()) {
         (true, true) => Origin::Never,
         (false, true) => Origin::UnknownObservation,
         (true, false) => Origin::UnknownNext,

@@ -1,7 +1,7 @@
 //! How the target network moves, by checksums and some of the weights of both networks after each update.
 
-use super::file::{Trace, Updates};
-use super::{Judgement, count, counted, median};
+use super::file::{Rows, Trace, Updates};
+use super::{Judgement, counted, median};
 
 /// Updates that are enough to speak of all of them.
 const ENOUGH: usize = 50;
@@ -24,25 +24,24 @@ struct Change {
 pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
     let updates = &trace.updates;
     let all = updates.step.len();
-    if all == 0
-        || updates.target_sample.width == 0
-        || updates.target.len() != all
-        || updates.online.len() != all
-    {
-        if all > 0 {
-            judgement.fact("no target network".into());
-        }
+    if all == 0 {
+        return;
+    }
+    if updates.target_sample.width == 0 || updates.target.len() != all || updates.online.len() != all {
+        judgement.fact("no target network".into());
         return;
     }
     let learned = (1..all).filter(|&update| updates.online[update] != updates.online[update - 1]).count();
     let equal = (0..all).filter(|&update| is_copy(updates, update)).count();
-    if trace.header.same_object || (all >= ENOUGH && learned * 2 > all && equal * 100 >= all * 98) {
-        let object = if trace.header.same_object { "; they are one object" } else { "" };
-        judgement
-            .name("target_is_online", format!("at {} of {}{object}", count(equal), counted(all, "update")));
+    let is_one = trace.header.same_object;
+    if is_one || (all >= ENOUGH && learned * 2 > all && equal * 100 >= all * 98) {
+        let object = if is_one { "; they are one object" } else { "" };
+        judgement.name("target_is_online", format!("at {equal} of {all} updates{object}"));
         return;
     }
-    let changes = changes(updates);
+    let changed = (1..all).filter(|&update| updates.target[update] != updates.target[update - 1]);
+    let change = |update| Change { update, is_copy: is_copy(updates, update), tau: tau(updates, update) };
+    let changes: Vec<Change> = changed.map(change).collect();
     overwritten(updates, judgement);
     if changes.is_empty() {
         unchanged(trace, learned, judgement);
@@ -54,22 +53,13 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
 
 /// Whether the target network is the online network before or after an update.
 fn is_copy(updates: &Updates, update: usize) -> bool {
-    let target = &updates.target[update];
-    *target == updates.online[update]
-        || update.checked_sub(1).is_some_and(|before| *target == updates.online[before])
-}
-
-fn changes(updates: &Updates) -> Vec<Change> {
-    let changed =
-        (1..updates.step.len()).filter(|&update| updates.target[update] != updates.target[update - 1]);
-    changed
-        .map(|update| Change { update, is_copy: is_copy(updates, update), tau: tau(updates, update) })
-        .collect()
+    let online = &updates.online[update.saturating_sub(1)..=update];
+    online.contains(&updates.target[update])
 }
 
 /// τ of Δθ⁻ = τ (θ − θ⁻), where θ is the online network before or after the update; none where neither fits.
 fn tau(updates: &Updates, update: usize) -> Option<f64> {
-    let sample = |rows: &super::file::Rows, update: usize| -> Vec<f64> {
+    let sample = |rows: &Rows, update: usize| -> Vec<f64> {
         rows.row(update).iter().map(|&value| f64::from(value)).collect()
     };
     let (old, new) = (sample(&updates.target_sample, update - 1), sample(&updates.target_sample, update));
@@ -85,11 +75,8 @@ fn tau(updates: &Updates, update: usize) -> Option<f64> {
         (tau, (moved - tau * product) / moved)
     };
     let fits = [update, update - 1].map(|at| fit(sample(&updates.online_sample, at)));
-    let best = fits
-        .into_iter()
-        .filter(|(tau, left)| tau.is_finite() && *left < 0.01)
-        .min_by(|a, b| a.1.total_cmp(&b.1));
-    best.map(|(tau, _)| tau)
+    let fits = fits.into_iter().filter(|(tau, left)| tau.is_finite() && *left < 0.01);
+    fits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(tau, _)| tau)
 }
 
 fn is_small(trace: &Trace) -> bool {
@@ -97,72 +84,59 @@ fn is_small(trace: &Trace) -> bool {
 }
 
 fn unchanged(trace: &Trace, learned: usize, judgement: &mut Judgement) {
-    let updates = counted(trace.updates.step.len(), "update");
+    let updates = trace.updates.step.len();
     let limit = if is_small(trace) { UNCHANGED.0 } else { UNCHANGED.1 };
     if judgement.has(&["online_overwritten_by_target"]) {
         return;
     }
     if learned >= limit {
-        judgement.name("target_never_updated", format!("it has the same checksums at all of {updates}"));
+        let numbers = format!("it has the same checksums at all of {updates} updates");
+        judgement.name("target_never_updated", numbers);
     } else {
-        judgement.fact(format!("the target network did not change in {updates}"));
+        judgement.fact(format!("the target network did not change in {}", counted(updates, "update")));
         judgement.doubt(format!(
-            "whether the target network is ever updated: a record of more than {} updates shows it",
-            count(limit)
+            "whether the target network is ever updated: a record of more than {limit} updates shows it"
         ));
     }
 }
 
 fn moves(trace: &Trace, changes: &[Change], judgement: &mut Judgement) {
-    let updates = &trace.updates;
-    let all = updates.step.len();
-    let between = |column: &dyn Fn(usize) -> usize| {
-        median(
-            changes.windows(2).map(|pair| (column(pair[1].update) - column(pair[0].update)) as f64).collect(),
-        )
+    let (updates, all) = (&trace.updates, trace.updates.step.len());
+    let gap = |column: &dyn Fn(usize) -> usize| {
+        let gaps = changes.windows(2).map(|pair| column(pair[1].update) - column(pair[0].update));
+        median(gaps.map(|gap| gap as f64).collect())
     };
-    let every = |gap: Option<f64>, name: &str| {
-        gap.map(|gap| {
-            if gap == 1.0 {
-                format!("every {name}")
-            } else {
-                format!("every {} {name}s", count(gap as usize))
-            }
-        })
+    let every = |gap: f64, name: &str| match gap {
+        1.0 => format!("every {name}"),
+        gap => format!("every {gap} {name}s"),
     };
-    let gap = between(&|update| update);
-    let when = match (every(gap, "update"), every(between(&|update| updates.step[update]), "step")) {
-        (Some(updates), Some(steps)) => format!("{updates} ({steps})"),
+    let (wait, steps) = (gap(&|update| update), gap(&|update| updates.step[update]));
+    let when = match (wait, steps) {
+        (Some(updates), Some(steps)) => format!("{} ({})", every(updates, "update"), every(steps, "step")),
         _ => format!("once in {}", counted(all, "update")),
     };
     let copies = changes.iter().filter(|change| change.is_copy).count();
     let taus: Vec<f64> = changes.iter().filter_map(|change| change.tau).collect();
-    let soft = median(taus.clone()).filter(|_| copies * 10 < changes.len() && taus.len() * 2 > changes.len());
-    match soft {
-        _ if copies * 10 >= changes.len() * 9 => judgement.fact(format!("target network copied {when}")),
-        Some(tau) => judgement.fact(format!("target network moves by τ = {tau:.2e} of the way {when}")),
-        None => judgement.fact(format!("target network changes {when}")),
-    }
+    let is_soft = copies * 10 < changes.len() && taus.len() * 2 > changes.len();
+    let soft = median(taus).filter(|_| is_soft);
+    judgement.fact(match soft {
+        _ if copies * 10 >= changes.len() * 9 => format!("target network copied {when}"),
+        Some(tau) => format!("target network moves by τ = {tau:.2e} of the way {when}"),
+        None => format!("target network changes {when}"),
+    });
     // Without a second change, the time since the first is what is known of the period.
-    let waits = gap.unwrap_or_else(|| changes.last().map_or(0, |change| all - change.update) as f64);
-    if let Some(tau) =
-        soft.filter(|tau| (0.85..0.999_999).contains(tau) && waits <= 2.0 && changes.len() >= ENOUGH)
-    {
-        judgement.name(
-            "tau_reversed",
-            format!(
-                "at {} it went {tau:.4} of the way to the online network",
-                counted(changes.len(), "update")
-            ),
-        );
+    let wait = wait.unwrap_or_else(|| changes.last().map_or(0, |change| all - change.update) as f64);
+    let nearly_all = soft.filter(|tau| (0.85..0.999_999).contains(tau));
+    if let Some(tau) = nearly_all.filter(|_| wait <= 2.0 && changes.len() >= ENOUGH) {
+        let numbers =
+            format!("at {} updates it went {tau:.4} of the way to the online network", changes.len());
+        judgement.name("tau_reversed", numbers);
     }
-    let horizon = waits / soft.unwrap_or(1.0).clamp(1e-9, 1.0);
-    if is_small(trace) && waits >= ENOUGH as f64 && horizon > SLOWEST {
-        let updates = count(horizon as usize);
-        judgement.name(
-            "target_updated_too_rarely",
-            format!("at this pace it takes about {updates} updates to get most of what was learned"),
-        );
+    let horizon = wait / soft.unwrap_or(1.0).clamp(1e-9, 1.0);
+    if is_small(trace) && wait >= ENOUGH as f64 && horizon > SLOWEST {
+        let numbers =
+            format!("at this pace it takes about {horizon:.0} updates to get most of what was learned");
+        judgement.name("target_updated_too_rarely", numbers);
     }
 }
 
@@ -175,25 +149,23 @@ fn overwritten(updates: &Updates, judgement: &mut Judgement) {
     let distance =
         |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
     let online = |update: usize| updates.online_sample.row(update);
-    let step =
-        median((1..updates.step.len()).map(|update| distance(online(update), online(update - 1))).collect());
-    let Some(step) = step.filter(|step| *step > 0.0) else { return };
-    let is_overwritten = |update: &usize| {
-        let target = updates.target_sample.row(*update);
+    let moved = |update: usize| distance(online(update), online(update - 1));
+    let steps = (1..updates.step.len()).map(moved).collect();
+    let Some(step) = median(steps).filter(|step| *step > 0.0) else { return };
+    let is_overwritten = |&update: &usize| {
+        let target = &updates.target[update];
+        let is_near = || distance(online(update), updates.target_sample.row(update)) < 3.0 * step;
         // Right after a copy the two are near each other anyway.
-        update.checked_sub(ENOUGH).is_some_and(|before| updates.target[before] == updates.target[*update])
-            && updates.target[*update] == updates.target[*update - 1]
-            && updates.online[*update - 1] != updates.target[*update]
-            && (updates.online[*update] == updates.target[*update]
-                || (distance(online(*update), target) < 3.0 * step
-                    && distance(online(*update), online(*update - 1)) > 20.0 * step))
+        update.checked_sub(ENOUGH).is_some_and(|before| updates.target[before] == *target)
+            && updates.target[update - 1] == *target
+            && updates.online[update - 1] != *target
+            && (updates.online[update] == *target || (moved(update) > 20.0 * step && is_near()))
     };
     let found: Vec<usize> = (1..updates.step.len()).filter(is_overwritten).collect();
     if found.len() >= 2 {
+        let (times, first) = (found.len(), found[0] + 1);
         let numbers = format!(
-            "at {} it became the target network, which had not changed; first at update {}",
-            counted(found.len(), "update"),
-            count(found[0] + 1)
+            "at {times} updates it became the target network, which had not changed; first at update {first}"
         );
         judgement.name("online_overwritten_by_target", numbers);
     }
@@ -210,13 +182,13 @@ fn not_initialised(trace: &Trace, changes: &[Change], judgement: &mut Judgement)
     let (online, target) = (update.online.parameters(), target.parameters());
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let square = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-    let correlation = product(online, target) / (product(online, online) * product(target, target)).sqrt();
+    let cosine = product(online, target) / (product(online, online) * product(target, target)).sqrt();
     // A high learning rate leads far from a copy, but not in one step.
     let is_far = square(online, target) > 25.0 * square(after.parameters(), online);
-    if online.len() >= 200 && is_far && correlation.abs() < 0.3 {
+    if online.len() >= 200 && is_far && cosine.abs() < 0.3 {
+        let weights = online.len();
         let numbers = format!(
-            "at the second update the cosine of their {} weights is {correlation:.2}; that of a copy is near 1",
-            count(online.len())
+            "at the second update the cosine of their {weights} weights is {cosine:.2}; that of a copy is near 1"
         );
         judgement.name("target_not_initialised", numbers);
     }
