@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 
 use super::file::Update;
-use super::mistakes::{Mistake, finding};
+use super::mistakes::Found;
 use super::rounding::short;
 use crate::env::catalogue::EnvironmentId;
 use crate::env::{CartPole, Outcome};
@@ -22,14 +22,6 @@ pub struct BatchVerdict {
     pub facts: Vec<String>,
     /// What could not be seen, and why.
     pub unseen: Vec<String>,
-}
-
-#[derive(Debug, Serialize)]
-pub struct Found {
-    #[serde(flatten)]
-    pub mistake: &'static Mistake,
-    /// The numbers that prove it.
-    pub evidence: String,
 }
 
 /// What a row is.
@@ -103,7 +95,7 @@ pub(super) fn judge(update: &Update) -> BatchVerdict {
 
 impl BatchVerdict {
     fn found(&mut self, id: &str, evidence: String) {
-        self.mistakes.extend(finding(id).map(|mistake| Found { mistake, evidence }));
+        self.mistakes.extend(Found::new(id, evidence));
     }
 }
 

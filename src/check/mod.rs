@@ -25,10 +25,10 @@ pub mod trace;
 mod variant;
 mod verdict;
 
-pub(crate) use batch::{BatchVerdict, Found};
+pub(crate) use batch::BatchVerdict;
 pub use file::{Batch, Moments, OptimizerName, Results, Settings, Update};
 pub(crate) use file::{EpsilonPlace, START};
-pub use mistakes::{CATALOGUE, FINDINGS, Stage};
+pub use mistakes::{CHANGES, FINDINGS, Found, LOOP_MISTAKES, MISTAKES, Mistake, Stage};
 pub use reference::Reference;
 pub use rounding::Number;
 pub use variant::Variant;

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::batch;
 use super::file::Update;
-use super::mistakes::{CATALOGUE, Mistake, Stage, finding};
+use super::mistakes::{Mistake, Stage};
 use super::reference::{LossOf, NORM_MARGIN, Reference, Targets};
 use super::rounding::{Matrix, Number, SAFETY, agrees, short};
 use super::variant::{Clipping, Predicted, PredictedFrom, Variant};
@@ -112,7 +112,8 @@ impl Hypothesis {
 
     /// What it has is a finding, of which nothing follows for the rest.
     fn found(&mut self, id: &str, quantity: Stage, measured: Option<String>) {
-        let found = finding(id).map(|mistake| Explained { mistake, quantity, reported_only: true, measured });
+        let found =
+            Mistake::named(id).map(|mistake| Explained { mistake, quantity, reported_only: true, measured });
         self.mistakes.extend(found);
     }
 }
@@ -540,7 +541,7 @@ impl Search<'_> {
             () => Stage::Q,
         };
         let mut mistakes: Vec<_> =
-            CATALOGUE.iter().filter(|mistake| (least..=stage).contains(&mistake.stage)).collect();
+            Mistake::of_updates().filter(|mistake| (least..=stage).contains(&mistake.stage)).collect();
         mistakes.sort_by_key(|mistake| std::cmp::Reverse(mistake.stage));
         mistakes.into_iter()
     }
@@ -601,8 +602,8 @@ impl Search<'_> {
         let is_fixed = |mistake: &Mistake| mistake.measured(&hypothesis.variant).is_none();
         // Without Q-values an activation that changes nothing shows in none of the quantities: that of the output is said.
         let is_said = |mistake: &Mistake| is_judged(mistake) || mistake.id.starts_with("output");
-        let mistakes =
-            CATALOGUE.iter().filter(|mistake| mistake.stage <= last && is_fixed(mistake) && is_said(mistake));
+        let mistakes = Mistake::of_updates()
+            .filter(|mistake| mistake.stage <= last && is_fixed(mistake) && is_said(mistake));
         let mut hidden: Vec<_> = mistakes.map(|mistake| hypothesis.with(mistake, mistake.stage)).collect();
         hidden.retain(|with| with.variant != hypothesis.variant);
         for stage in [Stage::Q].into_iter().chain(Stage::ALL).filter(given) {

@@ -124,19 +124,19 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         let explanation = verdict.explanations.first().into_iter().flatten();
         for explained in explanation.filter(|explained| explained.quantity == quantity.name) {
             let Explained { mistake, reported_only, measured, .. } = explained;
-            put(&mut text, "  what", mistake.what);
+            put(&mut text, "  what", &mistake.what);
             put_all(&mut text, "", measured);
             if *reported_only && measured.is_none() {
                 put(&mut text, "", "only this number has it: what follows is computed without it");
             }
-            put(&mut text, "  why", mistake.why);
-            put(&mut text, "  mend", mistake.mend);
+            put(&mut text, "  why", &mistake.why);
+            put(&mut text, "  mend", &mistake.mend);
         }
     }
     for other in verdict.explanations.iter().skip(1) {
         let name = |explained: &Explained| match &explained.measured {
             Some(measured) => format!("{} ({measured})", explained.mistake.what),
-            None => explained.mistake.what.into(),
+            None => explained.mistake.what.clone(),
         };
         let names: Vec<String> = other.iter().map(name).collect();
         put(&mut text, "or", &format!("these numbers are as well explained by: {}", names.join(" AND ")));
@@ -167,8 +167,8 @@ fn describe_batch(text: &mut String, batch: &BatchVerdict) {
     put(text, "batch", &state);
     for Found { mistake, evidence } in mistakes {
         put(text, "  what", &format!("{}: {evidence}", mistake.what));
-        put(text, "  why", mistake.why);
-        put(text, "  mend", mistake.mend);
+        put(text, "  why", &mistake.why);
+        put(text, "  mend", &mistake.mend);
     }
     put_all(text, "possible", unseen);
 }

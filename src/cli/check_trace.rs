@@ -37,15 +37,15 @@ fn describe(file: &str, judgement: &Judgement) -> String {
     }
     for named in &judgement.mistakes {
         put(&mut text, "MISTAKE", &named.mistake.id.replace('_', " "));
-        put(&mut text, "  what", named.mistake.what);
-        put(&mut text, "  shown by", &visible(&named.numbers));
-        put(&mut text, "  why", named.mistake.why);
-        put(&mut text, "  mend", named.mistake.mend);
+        put(&mut text, "  what", &named.mistake.what);
+        put(&mut text, "  shown by", &visible(&named.evidence));
+        put(&mut text, "  why", &named.mistake.why);
+        put(&mut text, "  mend", &named.mistake.mend);
     }
     if judgement.mistakes.is_empty() {
         put(&mut text, "verdict", "nothing that could be seen is wrong");
     }
-    for (index, sentence) in judgement.not_seen.iter().enumerate() {
+    for (index, sentence) in judgement.unseen.iter().enumerate() {
         put(&mut text, if index == 0 { "not seen" } else { "" }, &visible(sentence));
     }
     text

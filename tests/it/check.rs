@@ -1,8 +1,10 @@
 //! `check` and `explain`: other people's updates, with and without mistakes.
 
+use std::collections::BTreeSet;
+
 use cartpole_dqn::check::{
-    Batch, CATALOGUE, FINDINGS, Moments, Number, OptimizerName, QuantityState, Reference, Results, Settings,
-    Stage, Update, Variant, Verdict, check,
+    Batch, CHANGES, FINDINGS, LOOP_MISTAKES, MISTAKES, Mistake, Moments, Number, OptimizerName,
+    QuantityState, Reference, Results, Settings, Stage, Update, Variant, Verdict, check,
 };
 use cartpole_dqn::explain::explain;
 use cartpole_dqn::nn::{Loss, Mlp};
@@ -177,7 +179,7 @@ fn golden_torch_updates_are_equal_in_all_four_quantities() {
 
 #[test]
 fn every_mistake_of_the_catalogue_is_named() {
-    for mistake in CATALOGUE {
+    for mistake in Mistake::of_updates() {
         let steps = if mistake.id == "gradient_accumulated" { 1 } else { 20 };
         let has_target = mistake.id != "gradient_through_target";
         let mut update = update(settings_for(mistake.id), steps, has_target);
@@ -209,17 +211,34 @@ fn every_mistake_of_the_catalogue_is_named() {
 }
 
 #[test]
-fn the_documentation_lists_every_mistake_in_the_order_of_the_catalogue() {
-    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/check.md")).unwrap();
-    let place = |id: &str| text.find(&format!("| `{id}` |")).unwrap_or_else(|| panic!("{id} is not in it"));
-    assert!(CATALOGUE.iter().map(|mistake| place(mistake.id)).is_sorted());
-    assert!(FINDINGS.iter().map(|mistake| place(mistake.id)).is_sorted());
+fn the_page_of_mistakes_has_each_mistake_of_the_program_once_with_all_its_texts_and_no_other() {
+    let page = include_str!("../../docs/mistakes.md");
+    assert_eq!(
+        page.lines().filter(|line| line.starts_with("| `")).count(),
+        MISTAKES.len(),
+        "a row lacks a cell"
+    );
+    let of_page: BTreeSet<&str> = MISTAKES.iter().map(|mistake| mistake.id).collect();
+    assert_eq!(of_page.len(), MISTAKES.len(), "a mistake is there twice");
+    let changes = CHANGES.iter().map(|(id, ..)| id);
+    let of_program: BTreeSet<&str> = changes.chain(FINDINGS).chain(LOOP_MISTAKES).copied().collect();
+    assert_eq!(of_page, of_program);
+    assert!(Mistake::of_updates().map(|mistake| mistake.id).eq(CHANGES.iter().map(|(id, ..)| *id)));
+    for mistake in MISTAKES.iter() {
+        let texts = [&mistake.what, &mistake.why, &mistake.mend];
+        assert!(texts.iter().all(|text| text.len() > 2 && !text.contains("\\")), "{mistake:?}");
+        // An open backtick would swallow the columns that follow.
+        assert!(texts.iter().all(|text| text.matches('`').count() % 2 == 0), "{mistake:?}");
+    }
+    assert!(Mistake::named("absolute_error").unwrap().what.ends_with("the absolute error |δ|"));
+    let printed = serde_json::to_value(Mistake::named("sum").unwrap()).unwrap();
+    assert!(printed.as_object().unwrap().keys().eq(["id", "what", "why", "mend"]), "{printed}");
 }
 
 #[test]
 fn a_mistake_is_named_from_the_weights_alone() {
     for id in ["terminal_bootstrapped", "every_pair", "gradient_of_all_actions", "sgd"] {
-        let mistake = CATALOGUE.iter().find(|mistake| mistake.id == id).unwrap();
+        let mistake = Mistake::named(id).unwrap();
         let mut update = update(settings_for(id), 20, true);
         let variant = mistake.on(&Variant::right(&update));
         fill(&mut update, &variant, &[Stage::Weights]);
@@ -239,7 +258,7 @@ fn two_mistakes_are_both_named_in_different_quantities_and_in_the_same() {
         ["weight_decay", "step_count_behind"],
     ] {
         let mut update = update(settings_for(ids[0]), 20, true);
-        let mistakes = ids.map(|id| CATALOGUE.iter().find(|mistake| mistake.id == id).unwrap());
+        let mistakes = ids.map(|id| Mistake::named(id).unwrap());
         let variant = mistakes[1].on(&mistakes[0].on(&Variant::right(&update)));
         fill(&mut update, &variant, &Stage::ALL);
         let verdict = check(&update);

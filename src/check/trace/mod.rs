@@ -12,40 +12,29 @@
 //! | `exploration.rs` | ε, Q-values and actions |
 //! | `target.rs` | how the target network moves |
 //! | `updates.rs` | when the network learns, and how; whole updates |
-//! | `mistakes.rs` | the mistakes, in one table |
 
 mod ends;
 mod exploration;
 mod file;
 mod memory;
-mod mistakes;
 mod rows;
 mod target;
 mod updates;
 
 use serde::Serialize;
 
-use super::mistakes::{Mistake, Stage};
+use super::mistakes::{Found, Stage};
 use file::Trace;
 pub(crate) use file::{MAX_FILE_SIZE, is_trace};
-pub use mistakes::{LOOP_MISTAKES, LoopMistake};
 
 /// What is said of a loop.
 #[derive(Debug, Default, Serialize)]
 pub struct Judgement {
     /// What the loop is, and what it does.
     pub facts: Vec<String>,
-    pub mistakes: Vec<Named>,
+    pub mistakes: Vec<Found>,
     /// What could not be seen, and what would show it.
-    pub not_seen: Vec<String>,
-}
-
-/// A mistake, and the numbers that prove it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Named {
-    #[serde(flatten)]
-    pub mistake: LoopMistake,
-    pub numbers: String,
+    pub unseen: Vec<String>,
 }
 
 impl Judgement {
@@ -53,26 +42,19 @@ impl Judgement {
         self.facts.push(fact);
     }
 
-    fn name(&mut self, id: &str, numbers: String) {
-        let mistake = LOOP_MISTAKES.iter().find(|mistake| mistake.id == id);
-        debug_assert!(mistake.is_some(), "{id} is in the table");
-        self.mistakes.extend(mistake.map(|&mistake| Named { mistake, numbers }));
-    }
-
-    /// As [`Judgement::name`], of a mistake of an update, if it is not known yet.
-    fn add(&mut self, mistake: &Mistake, numbers: String) {
-        let &Mistake { id, what, why, mend, .. } = mistake;
+    /// Names a mistake, if it is not known yet.
+    fn name(&mut self, id: &str, evidence: String) {
         if !self.has(&[id]) {
-            self.mistakes.push(Named { mistake: LoopMistake { id, what, why, mend }, numbers });
+            self.mistakes.extend(Found::new(id, evidence));
         }
     }
 
     fn doubt(&mut self, sentence: impl Into<String>) {
-        self.not_seen.push(sentence.into());
+        self.unseen.push(sentence.into());
     }
 
     fn has(&self, ids: &[&str]) -> bool {
-        self.mistakes.iter().any(|named| ids.contains(&named.mistake.id))
+        self.mistakes.iter().any(|found| ids.contains(&found.mistake.id))
     }
 }
 
@@ -98,7 +80,7 @@ pub fn judge(bytes: &[u8], progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> R
     target::judge(&trace, &mut judgement);
     updates::judge(&trace, &episodes, &mut judgement);
     updates::judge_whole(&trace, &mut judgement, progress);
-    judgement.not_seen.extend(trace.header.not_recorded.iter().map(|text| format!("not recorded: {text}")));
+    judgement.unseen.extend(trace.header.not_recorded.iter().map(|text| format!("not recorded: {text}")));
     Ok(judgement)
 }
 

@@ -309,7 +309,7 @@ fn equal_in_targets_and_loss(update: &Update, activations: LayerKinds) -> bool {
 fn explain(whole: &Whole, verdict: &Verdict, judgement: &mut Judgement) {
     let place = format!("update {}", whole.number + 1);
     for found in &verdict.batch.mistakes {
-        judgement.add(found.mistake, format!("{place}: {}", found.evidence));
+        judgement.name(found.mistake.id, format!("{place}: {}", found.evidence));
     }
     let unexplained = verdict.quantities.iter().find(|quantity| quantity.state == QuantityState::Different);
     if let Some(quantity) = unexplained {
@@ -341,7 +341,7 @@ fn explain(whole: &Whole, verdict: &Verdict, judgement: &mut Judgement) {
         } else if is_choice(mistake, &whole.told) {
             judgement.fact(format!("in {place}, {}", mistake.what));
         } else {
-            judgement.add(mistake, numbers);
+            judgement.name(mistake.id, numbers);
         }
     }
 }
