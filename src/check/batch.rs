@@ -38,6 +38,8 @@ enum Row {
     Reset,
     /// s′ follows from this row.
     Of(usize),
+    /// s′ of an end, which no target uses, is the same numbers in all of them.
+    Blank,
     Unknown,
 }
 
@@ -240,7 +242,17 @@ impl<'a> Rows<'a> {
         true
     }
 
+    /// Whether somebody stores no s′ of ends: zeros, or another constant.
+    fn has_blank_ends(&self) -> bool {
+        let ends = self.next.iter().zip(&self.update.batch.terminated).filter(|(_, ended)| **ended);
+        let ends: Vec<_> = ends.map(|(next, _)| next).collect();
+        let is_zero = |next: &&Vec<f64>| next.iter().all(|x| *x == 0.0);
+        ends.first()
+            .is_some_and(|first| ends.iter().all(|next| next == first) && (ends.len() > 2 || is_zero(first)))
+    }
+
     fn kinds(&self, physics: &Physics) -> Vec<Row> {
+        let has_blank_ends = self.has_blank_ends();
         let exact =
             |from: &[f64], action: usize, to: &[f64]| physics.leads(from, action, to, |x| physics.off(x));
         let actions = &self.update.batch.actions;
@@ -250,6 +262,7 @@ impl<'a> Rows<'a> {
                 let (s, next) = (&self.s[i], &self.next[i]);
                 match any(s, next) {
                     _ if exact(s, actions[i], next) || self.several_steps_lead(physics, i) => Row::Step,
+                    _ if has_blank_ends && self.update.batch.terminated[i] => Row::Blank,
                     Some(other) => Row::StepWith(other),
                     None if s == next => Row::Same,
                     None if any(next, s).is_some() => Row::Reversed,
@@ -317,6 +330,10 @@ impl<'a> Rows<'a> {
             return;
         }
         judged.facts.push(format!("{steps} of {size} rows are steps of {name}"));
+        let blank = which(&|kind| kind == Row::Blank).len();
+        if blank > 0 {
+            judged.facts.push(format!("s′ of {blank} ends is a constant, which no target uses"));
+        }
         // A wrapper may number the actions otherwise.
         let renumbered = |i: usize| match kinds[i] {
             Row::StepWith(other) => {

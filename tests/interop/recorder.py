@@ -393,7 +393,7 @@ def a_killed_loop_leaves_what_it_did(binary, directory):
     )
     subprocess.run([sys.executable, "-c", code], cwd=directory)
     names, verdict = judged(binary, f"{directory}/killed.trace")
-    require(not names and any("after step 2,000 is not in the file" in text for text in verdict["unseen"]), str(verdict))
+    require(not names and any("after step 2000 is not in the file" in text for text in verdict["unseen"]), str(verdict))
     require(not list(Path(directory).glob("killed.trace.*")), "a temporary file is left")
     print("a killed loop leaves what it did")
 

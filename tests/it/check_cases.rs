@@ -379,6 +379,10 @@ fn right_rows_raise_no_alarm_whatever_somebody_chose() {
         let mut punished = right.clone();
         punished.iter_mut().for_each(|row| row.2 = if row.4 { -10.0 } else { row.2 });
         assert_eq!(judged(id, &punished, true).0, NOTHING, "{id:?}");
+        // PyTorch's tutorial stores no s′ of ends.
+        let mut blank = right.clone();
+        blank.iter_mut().filter(|row| row.4).for_each(|row| row.3.fill(0.0));
+        assert_eq!(judged(id, &blank, true).0, NOTHING, "{id:?}");
         // Single steps among those of an n-step batch are the last ones of their episodes.
         let ends: Vec<Row> = right.iter().filter(|row| row.4).cloned().collect();
         assert!(ends.is_empty() || judged(id, &ends, true).0.is_empty(), "{id:?}");
