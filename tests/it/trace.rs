@@ -259,7 +259,7 @@ fn what_is_no_trace_is_refused_with_one_message() {
         (metadata("gamma", "gama"), &["metadata `settings`", "gama"]),
         (
             changed(&|t| t.put("steps.reward", &[3], &[1.0, 2.0, 3.0])),
-            &["`steps.reward` has 3 rows", "have 400"],
+            &["`steps.reward` has the shape [3]", "400 rows"],
         ),
         (changed(&|t| t.put("steps.reward", &[1, 1, 1], &[1.0])), &["`steps.reward`", "[1, 1, 1]"]),
         (
@@ -273,6 +273,11 @@ fn what_is_no_trace_is_refused_with_one_message() {
         (
             changed(&|t| t.put("steps.observation", &[STEPS, 1], &[0.0; STEPS])),
             &["`steps.observation`", "differ"],
+        ),
+        (changed(&|t| t.put::<f64>("steps.reward", &[STEPS, 0], &[])), &["`steps.reward`", "[400, 0]"]),
+        (
+            changed(&|t| t.put("steps.action", &[STEPS, 2], &[0_u64; 2 * STEPS])),
+            &["`steps.action`", "400, 2"],
         ),
         (changed(&|t| t.put("updates.step", &[360], &[401_u64; 360])), &["`updates.step`", "at most 400"]),
         (

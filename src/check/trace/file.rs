@@ -21,6 +21,8 @@ pub(crate) const MAX_FILE_SIZE: usize = 1 << 28;
 /// Most numbers in a column, most numbers of an observation, and most actions.
 const MAX_NUMBERS: usize = 1 << 25;
 const MAX_WIDTH: usize = 4096;
+const EMPTY: &str = "holds no step and no update: was `learned` called, or the environment that `recorder.environment` \
+                     returned stepped?";
 
 /// A loop, in columns. What the file does not hold is empty.
 #[derive(Debug, Default)]
@@ -76,7 +78,7 @@ pub(crate) struct Steps {
     pub terminated: Vec<bool>,
     pub truncated: Vec<bool>,
     /// 0; 1 if the observation is the first of an episode; 2 if it was reset with the same seed as before.
-    pub reset: Vec<u8>,
+    pub reset: Vec<usize>,
     /// NaN where none were told; without width if none were told at all.
     pub q_values: Rows,
     pub epsilon: Vec<f64>,
@@ -90,8 +92,8 @@ pub(crate) struct Updates {
     /// Rows of [`Steps`] before the update.
     pub step: Vec<usize>,
     /// After the update: a checksum of each tensor, and some of the weights.
-    pub online: Vec<Vec<u32>>,
-    pub target: Vec<Vec<u32>>,
+    pub online: Vec<Vec<u64>>,
+    pub target: Vec<Vec<u64>>,
     pub online_sample: Rows,
     /// Without width if there is no target network.
     pub target_sample: Rows,
@@ -230,15 +232,15 @@ impl Trace {
         if !trace.updates.step.iter().all(is_in) || !trace.updates.step.is_sorted() {
             return Err(format!("tensor `updates.step` must ascend to at most {steps}, the number of steps"));
         }
-        if updates > 0 && trace.batches.update.iter().any(|&update| update >= updates) {
-            return Err(format!("tensor `batches.update` must be below {updates}, the number of updates"));
+        let of_batches = &trace.batches.update;
+        if !of_batches.is_sorted() || (updates > 0 && of_batches.last().is_some_and(|last| *last >= updates))
+        {
+            return Err(format!(
+                "tensor `batches.update` must ascend below {updates}, the number of updates"
+            ));
         }
         match steps + updates {
-            0 if trace.cut.is_none() => {
-                Err("holds no step and no update: was `learned` called, or the environment \
-                                             that `recorder.environment` returned stepped?"
-                    .into())
-            }
+            0 if trace.cut.is_none() => Err(EMPTY.into()),
             _ => Ok(trace),
         }
     }
@@ -271,45 +273,35 @@ struct Columns<'a> {
 }
 
 impl Columns<'_> {
-    /// A column's numbers and the length of its rows; none if the file does not have it.
-    fn column(
-        &mut self,
-        name: &str,
-        rows: Option<usize>,
-        is_finite: bool,
-    ) -> Result<Option<(Vec<f64>, usize)>, String> {
+    /// A tensor's numbers and how many each row has, 1 to `width`; none if the file does not have it.
+    fn column(&mut self, name: &str, rows: usize, width: usize) -> Result<Option<(Vec<f64>, usize)>, String> {
         let Some(view) = self.views.remove(name) else { return Ok(None) };
-        let (length, width) = match *view.shape() {
-            [length] => (length, 1),
-            [length, width] if width <= MAX_WIDTH => (length, width),
-            _ => {
-                return Err(format!(
-                    "tensor `{name}` has the shape {:?}; expected [rows] or [rows, numbers]",
-                    view.shape()
-                ));
-            }
+        let has = match *view.shape() {
+            [length] if length == rows => 1,
+            [length, width] if length == rows => width,
+            _ => 0,
         };
-        if let Some(rows) = rows.filter(|rows| *rows != length) {
-            return Err(format!("tensor `{name}` has {length} rows where the other columns have {rows}"));
+        if !(1..=width).contains(&has) {
+            return Err(format!(
+                "tensor `{name}` has the shape {:?}; expected are {rows} rows, as many as the other columns have, each of 1 to \
+                 {width} numbers",
+                view.shape()
+            ));
         }
-        let values = Some(view)
-            .filter(|_| length.saturating_mul(width) <= MAX_NUMBERS)
-            .and_then(|view| numbers(&view));
-        let values =
-            values.ok_or_else(|| format!("tensor `{name}` is too large, or of a type that is not read"))?;
-        match values.iter().position(|value| !value.is_finite()).filter(|_| is_finite) {
-            Some(at) => Err(format!(
-                "tensor `{name}` holds {} in row {}; expected finite numbers",
-                values[at],
-                at / width
-            )),
-            None => Ok(Some((values, width))),
-        }
+        let values = Some(view).filter(|_| rows.saturating_mul(has) <= MAX_NUMBERS);
+        let values = values.and_then(|view| numbers(&view));
+        let unread = || format!("tensor `{name}` is too large, or of a type that is not read");
+        Ok(Some((values.ok_or_else(unread)?, has)))
     }
 
-    /// A column of whole numbers from 0.
+    /// One number for each row, NaN where nothing was told; empty if the file does not have it.
+    fn floats(&mut self, name: &str, rows: usize) -> Result<Vec<f64>, String> {
+        Ok(self.column(name, rows, 1)?.map_or(Vec::new(), |(values, _)| values))
+    }
+
+    /// A whole number from 0 for each row; 0 if the file does not have it.
     fn integers(&mut self, name: &str, rows: usize) -> Result<Vec<usize>, String> {
-        let (values, _) = self.column(name, Some(rows), true)?.unwrap_or((vec![0.0; rows], 1));
+        let values = self.column(name, rows, 1)?.map_or(vec![0.0; rows], |(values, _)| values);
         match values.iter().find(|value| value.fract() != 0.0 || !(0.0..9e15).contains(*value)) {
             Some(value) => Err(format!("tensor `{name}` holds {value}; expected whole numbers from 0")),
             None => Ok(values.into_iter().map(|value| value as usize).collect()),
@@ -320,62 +312,70 @@ impl Columns<'_> {
         Ok(self.integers(name, rows)?.into_iter().map(|value| value != 0).collect())
     }
 
-    fn floats(&mut self, name: &str, rows: usize) -> Result<Vec<f64>, String> {
-        Ok(self.column(name, Some(rows), false)?.map_or(Vec::new(), |(values, _)| values))
+    fn rows(&mut self, name: &str, rows: usize) -> Result<Rows, String> {
+        let (values, width) = self.column(name, rows, MAX_WIDTH)?.unwrap_or_default();
+        // −0 is 0: the same observation.
+        Ok(Rows { values: values.into_iter().map(|value| value as f32 + 0.0).collect(), width })
     }
 
-    fn rows(&mut self, name: &str, rows: usize, is_finite: bool) -> Result<Rows, String> {
-        let column = self.column(name, Some(rows), is_finite)?;
-        Ok(column.map_or(Rows::default(), |(values, width)| Rows {
-            // −0 is 0: the same observation.
-            values: values.into_iter().map(|value| value as f32 + 0.0).collect(),
-            width,
-        }))
+    /// The observations and next observations of a group, which are as long as each other.
+    fn observations(&mut self, names: [&str; 2], rows: usize) -> Result<[Rows; 2], String> {
+        let both = [self.rows(names[0], rows)?, self.rows(names[1], rows)?];
+        for (name, rows) in names.iter().zip(&both) {
+            if let Some(at) = rows.values.iter().position(|value| !value.is_finite()) {
+                let (value, row) = (rows.values[at], at / rows.width);
+                return Err(format!("tensor `{name}` holds {value} in row {row}; expected finite numbers"));
+            }
+        }
+        match both[0].width == both[1].width {
+            true => Ok(both),
+            false => Err(format!("its tensors `{}` and `{}` differ in their shape", names[0], names[1])),
+        }
     }
 
     /// How many rows the columns of a group have; none if the group is not there, or not all of it because the file is cut off.
-    fn length(&self, group: &str, needed: &[&str]) -> Result<Option<usize>, String> {
-        let view = |name: &&str| self.views.get(&format!("{group}.{name}"));
-        let missing: Vec<_> = needed.iter().filter(|name| view(name).is_none()).collect();
+    fn length(&self, needed: &[&str]) -> Result<Option<usize>, String> {
+        let missing: Vec<_> = needed.iter().filter(|name| !self.views.contains_key(**name)).collect();
         match missing.first() {
             Some(_) if self.is_cut || missing.len() == needed.len() => Ok(None),
-            Some(name) => Err(format!("has no tensor `{group}.{name}`; expected are {}", needed.join(", "))),
-            None => Ok(view(&needed[0]).and_then(|view| view.shape().first().copied())),
+            Some(name) => Err(format!("has no tensor `{name}`; expected are {}", needed.join(", "))),
+            None => Ok(self.views.get(needed[0]).and_then(|view| view.shape().first().copied())),
         }
     }
 
     fn steps(&mut self) -> Result<Steps, String> {
-        let needed = ["action", "observation", "next_observation", "reward", "terminated", "truncated"];
-        let Some(rows) = self.length("steps", &needed)? else { return Ok(Steps::default()) };
+        const OBSERVATIONS: [&str; 2] = ["steps.observation", "steps.next_observation"];
+        let flags = ["steps.terminated", "steps.truncated"];
+        let needed = ["steps.action", OBSERVATIONS[0], OBSERVATIONS[1], "steps.reward", flags[0], flags[1]];
+        let Some(rows) = self.length(&needed)? else { return Ok(Steps::default()) };
         let environment = self.integers("steps.environment", rows)?;
         let mut last = HashMap::new();
         let previous = environment.iter().enumerate().map(|(row, env)| last.insert(*env, row)).collect();
-        let steps = Steps {
-            observation: self.rows("steps.observation", rows, true)?,
-            next_observation: self.rows("steps.next_observation", rows, true)?,
+        let [observation, next_observation] = self.observations(OBSERVATIONS, rows)?;
+        Ok(Steps {
+            observation,
+            next_observation,
             action: self.integers("steps.action", rows)?,
             reward: self.floats("steps.reward", rows)?,
-            terminated: self.flags("steps.terminated", rows)?,
-            truncated: self.flags("steps.truncated", rows)?,
-            reset: self.integers("steps.reset", rows)?.into_iter().map(|value| value.min(2) as u8).collect(),
-            q_values: self.rows("steps.q_values", rows, false)?,
+            terminated: self.flags(flags[0], rows)?,
+            truncated: self.flags(flags[1], rows)?,
+            reset: self.integers("steps.reset", rows)?,
+            q_values: self.rows("steps.q_values", rows)?,
             epsilon: self.floats("steps.epsilon", rows)?,
             previous,
-        };
-        if steps.observation.width != steps.next_observation.width {
-            return Err("its `steps.observation` and `steps.next_observation` differ in their shape".into());
-        }
-        Ok(steps)
+        })
     }
 
     fn updates(&mut self) -> Result<Updates, String> {
-        let Some(rows) = self.length("updates", &["step", "online"])? else { return Ok(Updates::default()) };
+        let Some(rows) = self.length(&["updates.step", "updates.online"])? else {
+            return Ok(Updates::default());
+        };
         Ok(Updates {
             step: self.integers("updates.step", rows)?,
             online: self.checksums("updates.online", rows)?,
             target: self.checksums("updates.target", rows)?,
-            online_sample: self.rows("updates.online_sample", rows, false)?,
-            target_sample: self.rows("updates.target_sample", rows, false)?,
+            online_sample: self.rows("updates.online_sample", rows)?,
+            target_sample: self.rows("updates.target_sample", rows)?,
             loss: self.floats("updates.loss", rows)?,
             largest_target: self.floats("updates.largest_target", rows)?,
             batch_size: self.integers("updates.batch_size", rows)?,
@@ -383,44 +383,41 @@ impl Columns<'_> {
         })
     }
 
-    fn checksums(&mut self, name: &str, rows: usize) -> Result<Vec<Vec<u32>>, String> {
-        let (values, width) = self.column(name, Some(rows), true)?.unwrap_or((Vec::new(), 0));
+    fn checksums(&mut self, name: &str, rows: usize) -> Result<Vec<Vec<u64>>, String> {
+        let (values, width) = self.column(name, rows, MAX_WIDTH)?.unwrap_or_default();
         let rows = values.chunks(width.max(1));
-        Ok(rows.map(|row| row.iter().map(|&value| value as u32).collect()).collect())
+        Ok(rows.map(|row| row.iter().map(|value| value.to_bits()).collect()).collect())
     }
 
     fn batches(&mut self) -> Result<Batches, String> {
-        let needed = ["update", "observations", "next_observations", "actions", "rewards", "terminated"];
-        let Some(rows) = self.length("batches", &needed)? else { return Ok(Batches::default()) };
-        let batches = Batches {
-            update: self.integers("batches.update", rows)?,
-            observations: self.rows("batches.observations", rows, true)?,
-            next_observations: self.rows("batches.next_observations", rows, true)?,
-            actions: self.integers("batches.actions", rows)?,
-            rewards: self.floats("batches.rewards", rows)?,
-            terminated: self.flags("batches.terminated", rows)?,
+        const OBSERVATIONS: [&str; 2] = ["batches.observations", "batches.next_observations"];
+        let others = ["batches.update", "batches.actions", "batches.rewards", "batches.terminated"];
+        let needed = [&others[..], &OBSERVATIONS].concat();
+        let Some(rows) = self.length(&needed)? else { return Ok(Batches::default()) };
+        let [observations, next_observations] = self.observations(OBSERVATIONS, rows)?;
+        Ok(Batches {
+            observations,
+            next_observations,
+            update: self.integers(others[0], rows)?,
+            actions: self.integers(others[1], rows)?,
+            rewards: self.floats(others[2], rows)?,
+            terminated: self.flags(others[3], rows)?,
             discounts: self.floats("batches.discounts", rows)?,
-        };
-        if batches.observations.width != batches.next_observations.width || !batches.update.is_sorted() {
-            return Err("its `batches.…` do not fit to each other".into());
-        }
-        Ok(batches)
+        })
     }
 
     /// The whole updates, by their numbers.
-    fn whole(&mut self, told: impl Fn(usize) -> Told) -> Vec<Whole> {
+    fn whole(&self, told: impl Fn(usize) -> Told) -> Vec<Whole> {
         let mut updates: BTreeMap<usize, Whole> = BTreeMap::new();
         for (name, view) in &self.views {
             let parts = name.strip_prefix("update.").and_then(|rest| rest.split_once('.'));
-            if let Some((number, name)) = parts.and_then(|(number, name)| Some((number.parse().ok()?, name)))
-            {
-                let whole = updates.entry(number);
-                let whole =
-                    whole.or_insert_with(|| Whole { number, told: told(number), tensors: BTreeMap::new() });
-                whole
-                    .tensors
-                    .insert(name.to_owned(), (view.dtype(), view.shape().to_vec(), view.data().to_vec()));
-            }
+            let Some((number, name)) = parts.and_then(|(number, name)| Some((number.parse().ok()?, name)))
+            else {
+                continue;
+            };
+            let new = || Whole { number, told: told(number), tensors: BTreeMap::new() };
+            let tensor = (view.dtype(), view.shape().to_vec(), view.data().to_vec());
+            updates.entry(number).or_insert_with(new).tensors.insert(name.to_owned(), tensor);
         }
         updates.into_values().collect()
     }
