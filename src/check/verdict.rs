@@ -414,7 +414,10 @@ impl Search<'_> {
         let is_other = candidate.variant.activations != self.right.activations;
         let passes = if is_other { 8 * batch * self.update.online.parameters().len() } else { 0 };
         let layer = if stage >= Stage::Gradients { (sizes[sizes.len() - 2] + 1) * outputs } else { 0 };
-        (passes + 32 * (batch * outputs + pairs) + 3 * batch * layer + 64 * layer) as u64
+        // A step from gradients as they are is computed as a whole.
+        let takes = stage == Stage::Weights && candidate.takes_their_gradients;
+        let step = if takes { self.step_work() } else { 64 * layer as u64 };
+        (passes + 32 * (batch * outputs + pairs) + 3 * batch * layer) as u64 + step
     }
 
     /// Products of a step of all parameters.
