@@ -285,7 +285,7 @@ def wrong_updates_are_refused(_):
     ]:
         refuses(ValueError, words, save_update, "refused.safetensors", **{**right, "update": update, **wrong})
     for result, words in [
-        (None, ["targets, loss"]), ((1,), ["targets, loss"]), ({}, ["nothing"]), ({"target": 1}, ["'target'", "targets"]),
+        (None, ["targets, loss"]), ((1,), ["targets, loss"]), ({}, ["nothing"]), ({"target_q": 1}, ["'target_q'", "targets"]),
         ((None, None, online[:2]), ["gradients", "layers"]),
     ]:
         refuses(ValueError, words, save_update, "refused.safetensors", **{**right, "update": lambda: result})
@@ -312,9 +312,31 @@ def updates_of_all_forms_are_the_same(binary):
     class Model:
         weights = trainable_variables = [type("Variable", (), {"name": "v", "numpy": lambda self, value=value: value})() for value in online]
 
-    for update, has_weights in ((lambda: (np.ones(5), None), True), ({"targets": np.ones(5)}, False)):
-        save_update("model.safetensors", Model(), None, None, batch, update)
-        require(("result.online.0.bias" in tensors("model.safetensors")) == has_weights, "the weights after the update")
+        def __call__(self, observations, training):
+            require(not training and observations.shape == (5, 4), "the model is asked as if it learned")
+            return observations * (2 if done else 1)
+
+    class Raises(Model):
+        def __call__(self, *_, **__):
+            raise TypeError("another form of observations")
+
+    for model, update, was_done in (
+        (Model(), lambda: done.append(1) or (np.ones(5), None), True), (Raises(), lambda: (np.ones(5), None), True),
+        (Model(), {"targets": np.ones(5)}, False),
+    ):  # fmt: skip
+        done: list[int] = []
+        save_update("model.safetensors", model, Model(), None, batch, update)
+        file = tensors("model.safetensors")
+        require(("result.online.0.bias" in file) == ("result.target.0.bias" in file) == was_done, "the weights after the update")
+        has_q = was_done and type(model) is Model
+        require(("result.q" in file) == has_q, "the Q-values")
+        require(not has_q or (file["result.q"] == batch["observations"]).all(), "the model was asked after the update")
+    # Other networks are asked by a function of theirs, or the update says what they said.
+    forward = lambda network, observations: observations @ network[0]
+    for update, asked in (({"loss": 1.0}, {"forward": forward}), (lambda: {"loss": 1.0, "q": forward(online, batch["observations"])}, {})):
+        save_update("asked.safetensors", online, None, None, batch, update, **asked)
+        require((tensors("asked.safetensors")["result.q"] == forward(online, batch["observations"])).all(), "the Q-values")
+    refuses(ValueError, ["forward", "(5,)", "(5, 4)"], save_update, "x", online, None, None, batch, {"loss": 1.0}, forward=lambda w, s: s[:, 0])
     # An optimizer of PyTorch says its settings itself, and what is given with them goes before it.
     class SGD:
         param_groups = [{"params": [], "lr": 0.01, "momentum": 0.9, "dampening": 0, "weight_decay": 0, "nesterov": False}]
