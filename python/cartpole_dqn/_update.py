@@ -334,7 +334,8 @@ def _natural(key: Any) -> list[tuple[str, int]]:
 
 
 def _is_torch(network: Any) -> bool:
-    return hasattr(network, "named_parameters") and hasattr(network, "state_dict")
+    # A model of Keras on PyTorch is a module too, with weights [in, out].
+    return hasattr(network, "named_parameters") and hasattr(network, "state_dict") and not _is_keras(network)
 
 
 def _is_keras(network: Any) -> bool:
