@@ -26,6 +26,7 @@ def main():
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--steps", type=int, default=3000)
     parser.add_argument("--only", help="loops with this in their names")
+    parser.add_argument("--backwards", action="store_true", help="begin with the last ones")
     arguments = parser.parse_args()
     np.seterr(all="ignore")
     warnings.simplefilter("ignore")
@@ -35,7 +36,7 @@ def main():
     loops = {name: lambda path, seed, steps, one=one: one[0](path, seed, steps, **one[1]) for name, one in LOOPS.items()}
     loops |= {f"NumPy, {name}": lambda path, seed, steps, one=one: recorder.record(path, "", one, seed, steps) for name, one in recorder.RIGHT.items()}
     for seed in arguments.seeds:
-        for name, record in loops.items():
+        for name, record in list(loops.items())[:: -1 if arguments.backwards else 1]:
             if (name, seed) in known or (arguments.only and arguments.only not in name):
                 continue
             path = str(arguments.keep / f"{name.replace(' ', '_').replace('/', '_')}.{seed}.trace")
@@ -46,7 +47,7 @@ def main():
             except Exception as error:
                 print(f"not run: {name}: {''.join(traceback.format_exception_only(error)).strip()}", flush=True)
                 continue
-            one = {"loop": name, "seed": seed, "steps": arguments.steps, "named": names, "facts": verdict["facts"], "not_seen": verdict["not_seen"]}
+            one = {"loop": name, "seed": seed, "steps": arguments.steps, "named": names, "facts": verdict["facts"], "unseen": verdict["unseen"]}
             one["seconds"] = round(time.process_time() - begin, 1)
             done.append(one)
             with arguments.results.open("a") as file:

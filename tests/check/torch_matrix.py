@@ -189,6 +189,7 @@ PAIRS = [
     ("terminal_bootstrapped", "bootstrap_from_online"), ("discount_twice", "current_observation"), ("sum", "huber_for_mse"),
     ("weight_decay", "step_count_behind"),
 ]
+OTHERS = "\n## Every optimiser and setting"
 F32, F64 = torch.float32, torch.float64
 
 
@@ -236,7 +237,9 @@ def main():
             print("FALSE ALARM", seed, sizes, size, options, [(q["name"], q["state"], q["largest_relative_difference"]) for q in found["quantities"]], flush=True)
     print(f"{wrong} wrong verdicts, {alarms} false alarms in 200 right updates")
     if arguments.write:
-        arguments.write.write_text(page(rows, alarms))
+        # What other scripts have found stands behind this heading.
+        text = arguments.write.read_text() if arguments.write.exists() else ""
+        arguments.write.write_text(page(rows, alarms) + text[text.find(OTHERS) :] if OTHERS in text else page(rows, alarms))
     sys.exit(bool(wrong or alarms))
 
 
