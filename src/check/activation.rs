@@ -91,13 +91,8 @@ impl Activation {
             Self::Nothing | Self::Softmax => y,
             Self::Relu => y.max(0.0),
             Self::LeakyRelu => y.max(0.01 * y),
-            Self::Elu => {
-                if y > 0.0 {
-                    y
-                } else {
-                    libm::expm1(y)
-                }
-            }
+            Self::Elu if y > 0.0 => y,
+            Self::Elu => libm::expm1(y),
             Self::Gelu => y * normal(y),
             Self::Silu => y * sigmoid(y),
             Self::Tanh => libm::tanh(y),
@@ -111,20 +106,9 @@ impl Activation {
         let value = match self {
             Self::Nothing | Self::Softmax => 1.0,
             Self::Relu => f64::from(x > 0.0),
-            Self::LeakyRelu => {
-                if x > 0.0 {
-                    1.0
-                } else {
-                    0.01
-                }
-            }
-            Self::Elu => {
-                if x > 0.0 {
-                    1.0
-                } else {
-                    libm::exp(x)
-                }
-            }
+            Self::LeakyRelu | Self::Elu if x > 0.0 => 1.0,
+            Self::LeakyRelu => 0.01,
+            Self::Elu => libm::exp(x),
             Self::Gelu => normal(x) + x * libm::exp(-0.5 * x * x) / (2.0 * std::f64::consts::PI).sqrt(),
             Self::Silu => sigmoid(x) * (1.0 + x * (1.0 - sigmoid(x))),
             Self::Tanh => 1.0 - square(libm::tanh(x)),

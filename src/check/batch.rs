@@ -36,8 +36,8 @@ enum Row {
     Reversed,
     /// s′ is a start.
     Reset,
-    /// s′ follows from this row.
-    Of(usize),
+    /// s′ follows from another row.
+    OfAnother,
     /// s′ of an end, which no target uses, is the same numbers in all of them.
     Blank,
     Unknown,
@@ -61,9 +61,8 @@ pub(super) fn judge(update: &Update) -> BatchVerdict {
     }
     let Some(id) = candidate.filter(has_sizes) else {
         rows.judge_without_physics(&mut judged);
-        judged.unseen.extend(named.map(|id| {
-            format!("whether the rows are steps of {}: the network has other sizes", id.spec().id)
-        }));
+        let doubt = |id: &str| format!("whether the rows are steps of {id}: the network has other sizes");
+        judged.unseen.extend(named.map(|id| doubt(&id.spec().id)));
         return judged;
     };
     let physics = Physics { id, rounding: update.rounding_unit.max(f64::from(f32::EPSILON) / 2.0) };
@@ -72,9 +71,8 @@ pub(super) fn judge(update: &Update) -> BatchVerdict {
         return judged;
     }
     let kinds = rows.kinds(&physics);
-    let known =
-        kinds.iter().filter(|kind| matches!(kind, Row::Step | Row::StepWith(_) | Row::Reversed | Row::Of(_)));
-    let known = known.count();
+    let is_known = |kind: &&Row| !matches!(kind, Row::Same | Row::Reset | Row::Unknown);
+    let known = kinds.iter().filter(is_known).count();
     if known == 0 || (named.is_none() && 2 * known < rows.size()) {
         rows.judge_start(&physics, &mut judged);
         if judged.mistakes.is_empty() {
@@ -109,13 +107,9 @@ struct Physics {
 }
 
 impl Physics {
-    fn step(&self, seen: &[f64], action: usize) -> Option<(Vec<f64>, Outcome)> {
-        self.id.step_from(seen, action)
-    }
-
     /// Whether a step leads from `seen` to `next`, where each number of both may be off by so much.
     fn leads(&self, seen: &[f64], action: usize, next: &[f64], off: impl Fn(f64) -> f64) -> bool {
-        let Some((expected, _)) = self.step(seen, action) else { return false };
+        let Some((expected, _)) = self.id.step_from(seen, action) else { return false };
         // Most rows need no derivative: none is above 10.
         let far = |(i, x): (usize, &f64)| {
             (x - next[i]).abs() > off(next[i]) + 20.0 * seen.iter().map(|&x| off(x)).sum::<f64>()
@@ -128,7 +122,7 @@ impl Physics {
             let mut moved = seen.to_vec();
             let by = off(x).max(1e-7);
             moved[i] += by;
-            let Some((other, _)) = self.step(&moved, action) else { return false };
+            let Some((other, _)) = self.id.step_from(&moved, action) else { return false };
             let carried = other.iter().zip(&expected).map(|(other, x)| (other - x).abs() * off(seen[i]) / by);
             allowed.iter_mut().zip(carried).for_each(|(allowed, carried)| *allowed += carried);
         }
@@ -174,23 +168,20 @@ impl<'a> Rows<'a> {
     /// What is wrong in every task.
     fn judge_without_physics(&self, judged: &mut BatchVerdict) {
         let size = self.size();
-        let mut starts: Vec<&Vec<f64>> = self.s.iter().collect();
-        let mut nexts: Vec<&Vec<f64>> = self.next.iter().collect();
-        for rows in [&mut starts, &mut nexts] {
+        let [starts, nexts] = [&self.s, &self.next].map(|rows| {
+            let mut rows: Vec<_> = rows.iter().collect();
             rows.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
             rows.dedup();
-        }
+            rows.len()
+        });
         if size >= FEW && self.s == self.next {
             judged.found("next_is_current", format!("in all {size} rows s′ equals s"));
         } else if size >= FEW
-            && starts.len() == 1
-            && nexts.len() > size / 2
+            && (starts == 1 && nexts > size / 2)
             && !self.update.batch.terminated.iter().all(|&end| end)
         {
-            judged.found(
-                "state_not_advanced",
-                format!("s is the same in all {size} rows, s′ takes {} values", nexts.len()),
-            );
+            let evidence = format!("s is the same in all {size} rows, s′ takes {nexts} values");
+            judged.found("state_not_advanced", evidence);
         }
     }
 
@@ -199,12 +190,10 @@ impl<'a> Rows<'a> {
         let count = |rows: &[Vec<f64>]| rows.iter().filter(|row| physics.id.can_start_with(row)).count();
         let (size, started, back) = (self.size(), count(&self.s), count(&self.next));
         if size >= FEW && started == size && 2 * back < size && self.s != self.next {
-            let name = physics.id.spec().id;
+            let (name, away) = (physics.id.spec().id, size - back);
             judged.environment = Some(physics.id);
-            judged.found(
-                "state_not_advanced",
-                format!("s of all {size} rows is a start of {name}, s′ of {} rows is not", size - back),
-            );
+            let evidence = format!("s of all {size} rows is a start of {name}, s′ of {away} rows is not");
+            judged.found("state_not_advanced", evidence);
         }
     }
 
@@ -215,19 +204,17 @@ impl<'a> Rows<'a> {
         let Some(grid) = [1.0, 0.1, 0.01, 0.001].into_iter().find(|&grid| on_grid(grid)) else {
             return false;
         };
-        let leads = |i: usize| {
-            (0..self.actions()).any(|action| physics.leads(&self.s[i], action, &self.next[i], |_| grid))
+        let leads = |i: usize, off: &dyn Fn(f64) -> f64| {
+            (0..self.actions()).any(|action| physics.leads(&self.s[i], action, &self.next[i], off))
         };
-        let fit = (0..self.size()).filter(|&i| leads(i)).count();
+        let fit = (0..self.size()).filter(|&i| leads(i, &|_| grid)).count();
         // A coarse grid holds much: then the rewards, which are those of every step, must be the task's too.
         let rewards = &self.update.batch.rewards;
-        let is_reward =
-            |reward: &f64| physics.step(&self.s[0], 0).is_some_and(|(_, outcome)| outcome.reward == *reward);
+        let is_reward = |reward: &f64| {
+            physics.id.step_from(&self.s[0], 0).is_some_and(|(_, outcome)| outcome.reward == *reward)
+        };
         let is_task = is_named || grid < 0.05 || rewards.iter().all(is_reward);
-        let is_exact = (0..self.size()).any(|i| {
-            (0..self.actions())
-                .any(|action| physics.leads(&self.s[i], action, &self.next[i], |x| physics.off(x)))
-        });
+        let is_exact = (0..self.size()).any(|i| leads(i, &|x| physics.off(x)));
         if self.size() < FEW || fit < self.size() || !is_task || is_exact {
             return false;
         }
@@ -271,17 +258,16 @@ impl<'a> Rows<'a> {
                 }
             })
             .collect();
-        let steps: Vec<_> = (0..self.size()).map(|i| physics.step(&self.s[i], actions[i])).collect();
-        for i in
-            (0..self.size()).filter(|&i| matches!(kinds[i], Row::Unknown | Row::Reset)).collect::<Vec<_>>()
-        {
-            let next = &self.next[i];
+        let steps: Vec<_> = (0..self.size()).map(|i| physics.id.step_from(&self.s[i], actions[i])).collect();
+        for (kind, next) in kinds.iter_mut().zip(&self.next) {
             let is_near = |step: &[f64]| step.iter().zip(next).all(|(x, next)| (x - next).abs() < 1e-4);
-            let of = (0..self.size()).find(|&j| {
+            let leads = |j: usize| {
                 steps[j].as_ref().is_some_and(|(step, _)| is_near(step))
                     && exact(&self.s[j], actions[j], next)
-            });
-            kinds[i] = of.map_or(kinds[i], Row::Of);
+            };
+            if matches!(kind, Row::Unknown | Row::Reset) && (0..self.size()).any(leads) {
+                *kind = Row::OfAnother;
+            }
         }
         kinds
     }
@@ -293,44 +279,39 @@ impl<'a> Rows<'a> {
         if !(1.5..=20.0).contains(&steps) {
             return false;
         }
-        let mut reached = self.step_all(physics, &[self.s[i].clone()], Some(self.update.batch.actions[i]));
-        for step in 2..=steps as i32 {
-            if reached.len() * self.actions() > MAX_SEQUENCES {
+        let (mut reached, stored) = (vec![self.s[i].clone()], self.update.batch.actions[i]);
+        for step in 1..=steps as i32 {
+            let actions = if step == 1 { stored..stored + 1 } else { 0..self.actions() };
+            if reached.len() * actions.len() > MAX_SEQUENCES {
                 return true;
             }
-            reached = self.step_all(physics, &reached, None);
+            let stepped =
+                |state| actions.clone().filter_map(move |action| physics.id.step_from(state, action));
+            reached = reached.iter().flat_map(|state| stepped(state)).map(|(next, _)| next).collect();
             // An error grows by less than two with every step.
             let off = |x: f64| physics.off(x) * 2.0_f64.powi(step + 2);
             let is_there = |state: &Vec<f64>| {
                 state.iter().zip(&self.next[i]).all(|(x, next)| (x - next).abs() <= off(*next))
             };
-            if reached.iter().any(is_there) {
+            if step > 1 && reached.iter().any(is_there) {
                 return true;
             }
         }
         false
     }
 
-    fn step_all(&self, physics: &Physics, from: &[Vec<f64>], action: Option<usize>) -> Vec<Vec<f64>> {
-        let actions = action.map_or(0..self.actions(), |action| action..action + 1);
-        let stepped = |state: &Vec<f64>| {
-            actions.clone().filter_map(|action| Some(physics.step(state, action)?.0)).collect::<Vec<_>>()
-        };
-        from.iter().flat_map(stepped).collect()
-    }
-
     fn judge_kinds(&self, physics: &Physics, kinds: &[Row], judged: &mut BatchVerdict) {
         let (size, name) = (self.size(), physics.id.spec().id);
         let actions = &self.update.batch.actions;
-        let which = |is: &dyn Fn(Row) -> bool| (0..size).filter(|&i| is(kinds[i])).collect::<Vec<_>>();
-        let steps = which(&|kind| kind == Row::Step).len();
-        let others = which(&|kind| matches!(kind, Row::StepWith(_)));
+        let which = |of: Row| (0..size).filter(|&i| kinds[i] == of).collect::<Vec<_>>();
+        let steps = which(Row::Step).len();
+        let others: Vec<_> = (0..size).filter(|&i| matches!(kinds[i], Row::StepWith(_))).collect();
         if steps == size {
             judged.facts.push(format!("all {size} rows are steps of {name}"));
             return;
         }
         judged.facts.push(format!("{steps} of {size} rows are steps of {name}"));
-        let blank = which(&|kind| kind == Row::Blank).len();
+        let blank = which(Row::Blank).len();
         if blank > 0 {
             judged.facts.push(format!("s′ of {blank} ends is a constant, which no target uses"));
         }
@@ -347,43 +328,26 @@ impl<'a> Rows<'a> {
         } else if let Some(&first) = others.first() {
             let only =
                 if used == 1 { format!("; every stored action is {}", actions[0]) } else { String::new() };
+            let count = others.len();
             judged.found(
                 "stored_action_is_another",
-                format!(
-                    "{} of {size} rows are steps of {name} with another action than the stored one, row {first} for example{only}",
-                    others.len()
-                ),
+                format!("{count} of {size} rows are steps of {name} with another action than the stored one, row {first} for example{only}"),
             );
         }
-        let ended = |i: usize| {
-            let batch = &self.update.batch;
-            batch.terminated[i] || batch.truncated.as_ref().is_some_and(|truncated| truncated[i])
-        };
-        type Kind<'a> = (&'a str, &'a dyn Fn(Row) -> bool, &'a str);
-        let kinds: [Kind; 5] = [
-            ("next_is_current", &|kind| kind == Row::Same, "s′ equals s"),
-            ("observations_exchanged_in_batch", &|kind| kind == Row::Reversed, "a step leads from s′ to s"),
-            ("next_is_reset", &|kind| kind == Row::Reset, "s′ is a start, to which no step leads from s"),
-            (
-                "next_of_another_row",
-                &|kind| matches!(kind, Row::Of(_)),
-                "s′ follows from s and action of another row",
-            ),
-            (
-                "row_that_never_happened",
-                &|kind| kind == Row::Unknown,
-                "no step leads from s to s′, with any action",
-            ),
-        ];
-        for (id, is, what) in kinds {
-            let rows = which(is);
+        let batch = &self.update.batch;
+        for (id, kind, what) in [
+            ("next_is_current", Row::Same, "s′ equals s"),
+            ("observations_exchanged_in_batch", Row::Reversed, "a step leads from s′ to s"),
+            ("next_is_reset", Row::Reset, "s′ is a start, to which no step leads from s"),
+            ("next_of_another_row", Row::OfAnother, "s′ follows from s and action of another row"),
+            ("row_that_never_happened", Row::Unknown, "no step leads from s to s′, with any action"),
+        ] {
+            let rows = which(kind);
             let Some(first) = rows.first() else { continue };
-            let ends = rows.iter().filter(|&&i| ended(i)).count();
+            let ends = rows.iter().filter(|&&i| batch.terminated[i] || batch.is_truncated(i)).count();
             let ends = if ends == 0 { String::new() } else { format!("; {ends} of them ended the episode") };
-            judged.found(
-                id,
-                format!("in {} of {size} rows, row {first} for example, {what}{ends}", rows.len()),
-            );
+            let evidence = format!("in {} of {size} rows, row {first} for example, {what}{ends}", rows.len());
+            judged.found(id, evidence);
         }
     }
 
@@ -397,13 +361,12 @@ impl<'a> Rows<'a> {
             _ => None,
         };
         let is_single = |i: usize| (batch.discounts[i] - self.update.settings.gamma).abs() < 1e-6;
-        let outcome = |i: usize| Some((i, physics.step(&self.s[i], stored_with(i)?)?.1));
+        let outcome = |i: usize| Some((i, physics.id.step_from(&self.s[i], stored_with(i)?)?.1));
         let steps: Vec<(usize, Outcome)> =
             (0..self.size()).filter(|&i| is_single(i)).filter_map(outcome).collect();
         if steps.is_empty() {
             return;
         }
-        let truncated = |i: usize| batch.truncated.as_ref().is_some_and(|truncated| truncated[i]);
         let which = |is: &dyn Fn(usize, Outcome) -> bool| -> Vec<usize> {
             steps.iter().filter(|&&(i, outcome)| is(i, outcome)).map(|&(i, _)| i).collect()
         };
@@ -412,7 +375,7 @@ impl<'a> Rows<'a> {
         let early = which(&|i, outcome| !outcome.terminated && batch.terminated[i]);
         let is_exchanged = |counts_limit: bool| {
             steps.iter().all(|&(i, outcome)| {
-                let end = outcome.terminated || (counts_limit && truncated(i));
+                let end = outcome.terminated || (counts_limit && batch.is_truncated(i));
                 batch.terminated[i] == (outcome.reward != 0.0) && batch.rewards[i] == f64::from(end)
             })
         };
@@ -428,40 +391,33 @@ impl<'a> Rows<'a> {
         }
         let beyond = self.beyond(physics, &steps);
         if !beyond.is_empty() {
-            let evidence = format!(
-                "s of {} rows, row {} for example, is where {name} has ended",
-                beyond.len(),
-                beyond[0]
-            );
+            let (count, first) = (beyond.len(), beyond[0]);
+            let evidence = format!("s of {count} rows, row {first} for example, is where {name} has ended");
             if is_named {
                 judged.found("steps_after_the_end", evidence);
             } else {
                 judged.facts.push(format!("{evidence}: episodes do not end as those of {name}"));
             }
         } else if !lost.is_empty() && !early.is_empty() {
+            let (lost, early) = (lost.len(), early.len());
             judged.found(
                 "end_of_another_step",
-                format!(
-                    "{} rows end in a state where {name} ends and have `terminated` 0, {} that do not have 1",
-                    lost.len(),
-                    early.len()
-                ),
+                format!("{lost} rows end in a state where {name} ends and have `terminated` 0, {early} that do not have 1"),
             );
         } else if let Some(first) = lost.first() {
+            let (lost, ends) = (lost.len(), ends.len());
             judged.found(
                 "terminated_never_stored",
                 format!(
-                    "{} of {} rows that end {name}, row {first} for example, have `terminated` 0",
-                    lost.len(),
-                    ends.len()
+                    "{lost} of {ends} rows that end {name}, row {first} for example, have `terminated` 0"
                 ),
             );
         } else if let Some(first) = early.first() {
+            let count = early.len();
             let evidence = format!(
-                "{} rows, row {first} for example, have `terminated` 1 though {name} goes on from s′",
-                early.len()
+                "{count} rows, row {first} for example, have `terminated` 1 though {name} goes on from s′"
             );
-            let at_limit = early.iter().filter(|&&i| truncated(i)).count();
+            let at_limit = early.iter().filter(|&&i| batch.is_truncated(i)).count();
             if at_limit > 0 || !self.has_threshold(&early) {
                 judged.found(
                     "time_limit_stored_as_terminated",
@@ -479,15 +435,10 @@ impl<'a> Rows<'a> {
 
     /// Rows that start where the task has ended.
     fn beyond(&self, physics: &Physics, steps: &[(usize, Outcome)]) -> Vec<usize> {
-        let limits: Option<[f64; 2]> = match physics.id {
-            EnvironmentId::CartPoleV1 => Some([CartPole::MAX_POSITION, CartPole::MAX_ANGLE]),
-            _ => None,
-        };
-        let is_beyond = |i: usize| {
-            limits
-                .is_some_and(|[x, angle]| self.s[i][0].abs() > x + 1e-6 || self.s[i][2].abs() > angle + 1e-6)
-        };
-        steps.iter().map(|&(i, _)| i).filter(|&i| is_beyond(i)).collect()
+        let limits = [(0, CartPole::MAX_POSITION), (2, CartPole::MAX_ANGLE)];
+        let is_beyond = |i: &usize| limits.iter().any(|(axis, limit)| self.s[*i][*axis].abs() > limit + 1e-6);
+        let has_limits = physics.id == EnvironmentId::CartPoleV1;
+        steps.iter().map(|&(i, _)| i).filter(|i| has_limits && is_beyond(i)).collect()
     }
 
     /// Whether one number of s′ parts these rows from all others, as an end of somebody's own would.
@@ -508,7 +459,7 @@ impl<'a> Rows<'a> {
         let differing: Vec<_> =
             steps.iter().filter(|(i, outcome)| !is_near(rewards[*i], outcome.reward)).collect();
         let Some(&&(first, outcome)) = differing.first() else { return };
-        let factor = rewards[first] / outcome.reward;
+        let (count, factor) = (differing.len(), rewards[first] / outcome.reward);
         let is_of_task = |reward: f64| steps.iter().any(|(_, outcome)| outcome.reward == reward);
         let is_way = |end: bool| differing.iter().any(|(_, outcome)| outcome.terminated == end);
         if factor.is_finite()
@@ -516,20 +467,20 @@ impl<'a> Rows<'a> {
         {
             judged.facts.push(format!("the rewards are {} times those of {name}", short(factor)));
         } else if steps.iter().all(|(i, _)| is_of_task(rewards[*i])) && is_way(true) && is_way(false) {
-            let evidence = format!(
-                "{} rows, row {first} for example, have another reward than their step of {name}",
-                differing.len()
+            judged.found(
+                "reward_of_another_step",
+                format!(
+                    "{count} rows, row {first} for example, have another reward than their step of {name}"
+                ),
             );
-            judged.found("reward_of_another_step", evidence);
         } else {
             let value = rewards[first];
             let is_one = differing.iter().all(|(i, _)| rewards[*i] == value);
             let ends = differing.iter().filter(|(_, outcome)| outcome.terminated).count();
             let what = if is_one { format!("is {}", short(value)) } else { "differs".into() };
+            let right = short(outcome.reward);
             judged.facts.push(format!(
-                "the reward of {} rows {what}, where {name} gives {}; {ends} of them end the episode",
-                differing.len(),
-                short(outcome.reward)
+                "the reward of {count} rows {what}, where {name} gives {right}; {ends} of them end the episode"
             ));
         }
     }

@@ -169,6 +169,12 @@ pub struct Batch {
     pub weights: Option<Vec<f64>>,
 }
 
+impl Batch {
+    pub(super) fn is_truncated(&self, row: usize) -> bool {
+        self.truncated.as_ref().is_some_and(|truncated| truncated[row])
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moments {
     /// Steps done before this update.
@@ -354,7 +360,7 @@ impl Remaining<'_> {
 
     /// What somebody computed, which may not be finite.
     fn result(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, String> {
-        self.views.contains_key(name).then(|| self.take(name, shape)).transpose()
+        self.optional(name, |file, name| file.take(name, shape))
     }
 
     /// The layer sizes of the online network.
@@ -416,17 +422,16 @@ impl Remaining<'_> {
         let mut observations = |name| {
             self.floats(name, &[size, inputs]).map(|values| DMatrix::from_row_slice(size, inputs, &values))
         };
-        let (observations, next_observations) =
-            (observations("batch.observations")?, observations("batch.next_observations")?);
+        let [observations, next_observations] =
+            [observations("batch.observations")?, observations("batch.next_observations")?];
         let is_action = |value: f64| value.fract() == 0.0 && (0.0..actions as f64).contains(&value);
         let expected = format!("an action from 0 to {}, an output of the network", actions - 1);
         let actions = self.values("batch.actions", &[size], is_action, &expected)?;
         let rewards = self.floats("batch.rewards", &[size])?;
         let terminated = self.flags("batch.terminated", size)?;
-        let truncated = self.views.contains_key("batch.truncated");
-        let truncated = truncated.then(|| self.flags("batch.truncated", size)).transpose()?;
-        let discounts = self.optional("batch.discounts", &[size])?;
-        let weights = self.optional("batch.weights", &[size])?;
+        let truncated = self.optional("batch.truncated", |file, name| file.flags(name, size))?;
+        let discounts = self.optional("batch.discounts", |file, name| file.floats(name, &[size]))?;
+        let weights = self.optional("batch.weights", |file, name| file.floats(name, &[size]))?;
         Ok(Batch {
             observations,
             actions: actions.into_iter().map(|action| action as usize).collect(),
@@ -454,8 +459,7 @@ impl Remaining<'_> {
         let [first, second, largest] = networks;
         let (name, expected) = ("adam.steps", "one integer from 0 to 2^53: the steps before this update");
         let is_count = |value: f64| value.fract() == 0.0 && (0.0..=9.0e15).contains(&value);
-        let steps = self.views.contains_key(name);
-        let steps = steps.then(|| self.values(name, &[], is_count, expected)).transpose()?;
+        let steps = self.optional(name, |file, name| file.values(name, &[], is_count, expected))?;
         let steps = steps.map(|steps| steps[0] as u64);
         let is_adam = matches!(settings.optimizer, OptimizerName::Adam | OptimizerName::AdamW);
         let is_fresh = matches!((steps, &first, &second), (None | Some(0), None, None));
@@ -465,27 +469,25 @@ impl Remaining<'_> {
             first.as_ref().ok_or_else(|| moment("adam.m.0.weight", "first"))?;
             second.as_ref().ok_or_else(|| moment("adam.v.0.weight", "second"))?;
             if settings.amsgrad && largest.is_none() {
-                return Err(missing(
-                    "adam.vmax.0.weight",
-                    "the largest second moment so far, as `amsgrad` is true",
-                ));
+                let expected = "the largest second moment so far, as `amsgrad` is true";
+                return Err(missing("adam.vmax.0.weight", expected));
             }
         }
+        let expected = "a mean of squares, at least 0";
         for moment in [&second, &largest].into_iter().flatten() {
-            check_all(
-                "adam.v.…",
-                moment.parameters(),
-                |value| value >= 0.0,
-                "a mean of squares, at least 0",
-            )?;
+            check_all("adam.v.…", moment.parameters(), |value| value >= 0.0, expected)?;
         }
         let zeros = || Mlp::zeros(sizes.to_vec());
         let [first, second] = [first, second].map(|moment| moment.unwrap_or_else(zeros));
         Ok(Moments { steps: steps.unwrap_or(0), first, second, largest })
     }
 
-    fn optional(&mut self, name: &str, shape: &[usize]) -> Result<Option<Vec<f64>>, String> {
-        self.views.contains_key(name).then(|| self.floats(name, shape)).transpose()
+    fn optional<T>(
+        &mut self,
+        name: &str,
+        read: impl FnOnce(&mut Self, &str) -> Result<T, String>,
+    ) -> Result<Option<T>, String> {
+        self.views.contains_key(name).then(|| read(self, name)).transpose()
     }
 
     fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f64>, String> {

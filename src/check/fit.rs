@@ -37,16 +37,13 @@ impl Search<'_> {
     }
 
     fn fit_discount(&self, base: &Hypothesis, theirs: &[f64], fitted: &mut Fitted) {
-        let (gamma, rewards) = (base.variant.given.gamma, &self.update.batch.rewards);
+        let (gamma, rewards) = (base.variant.settings.gamma, &self.update.batch.rewards);
         let ours = self.compute(base, Stage::Targets);
-        let next = |(i, ours): (usize, &Number)| (ours.value - rewards[i], theirs[i] - rewards[i]);
-        let mut ratios: Vec<f64> = ours
-            .iter()
-            .enumerate()
-            .map(next)
-            .filter(|(ours, theirs)| ours.abs() > 1e-3 && theirs.is_finite())
-            .map(|(ours, theirs)| theirs / ours)
-            .collect();
+        let ratio = |i: usize| {
+            let (ours, theirs) = (ours[i].value - rewards[i], theirs[i] - rewards[i]);
+            (ours.abs() > 1e-3 && theirs.is_finite()).then_some(theirs / ours)
+        };
+        let mut ratios: Vec<f64> = (0..ours.len()).filter_map(ratio).collect();
         // One row fits any γ.
         if ratios.len() > 2 && !base.variant.given.n_step && base.variant.discount == Discount::Own {
             ratios.sort_by(f64::total_cmp);
@@ -96,11 +93,12 @@ impl Search<'_> {
             Some(product / squares).filter(|share| share.is_finite())
         };
         if let Some(factor) = share(&moved, &step).filter(|&factor| factor > 0.0) {
-            fitted.learning_rate = snapped(variant.learning_rate * factor, 1e-4);
+            fitted.learning_rate = snapped(variant.settings.learning_rate * factor, 1e-4);
         }
         let plain = Variant { decay: Decay::None, ..*variant };
         let undecayed = self.compute(&base.computing(plain), Stage::Weights);
-        let shrinks = share(&|i| undecayed[i].value - theirs[i], &|i| weights[i] * variant.learning_rate);
+        let shrinks =
+            share(&|i| undecayed[i].value - theirs[i], &|i| weights[i] * variant.settings.learning_rate);
         if let Some(decay) = shrinks.filter(|&decay| decay > 0.0) {
             fitted.weight_decay = snapped(decay, 1e-3);
         }
@@ -114,7 +112,7 @@ impl Search<'_> {
         let gradients = self.taken_gradients(base, Stage::Weights);
         let gradients = gradients.unwrap_or_else(|| self.compute(base, Stage::Gradients));
         let first = update.adam.first.parameters();
-        let rest = |i: usize| -moved(i) / variant.learning_rate - gradients[i].value;
+        let rest = |i: usize| -moved(i) / variant.settings.learning_rate - gradients[i].value;
         if let Some(factor) = share(&rest, &|i| first[i]).filter(|&factor| factor > 0.0) {
             // μ b, or of a mean as Adam's m is one, μ m / (1 − μ).
             let is_mean = factor > 1.0;
@@ -147,11 +145,8 @@ impl Search<'_> {
             } else if value != 0.0 && all(&|i| is_same(theirs[i]) || is_same(-theirs[i])) {
                 said.push(format!("yours is {0} or −{0} in each", short(value.abs())));
             } else if all(&|i| agrees(&shifted(i), theirs[i])) {
-                said.push(format!(
-                    "yours is the right one {} {} in each",
-                    if shift < 0.0 { "−" } else { "+" },
-                    short(shift.abs())
-                ));
+                let sign = if shift < 0.0 { "−" } else { "+" };
+                said.push(format!("yours is the right one {sign} {} in each", short(shift.abs())));
             } else if factor.is_finite() && all(&|i| agrees(&ours[i].scaled(factor), theirs[i])) {
                 said.push(format!("yours is {} times the right one in each", short(factor)));
             }
@@ -163,14 +158,15 @@ impl Search<'_> {
     fn rows(&self, differing: &[usize]) -> Option<String> {
         let batch = &self.update.batch;
         let size = batch.rewards.len();
-        let truncated = |i: usize| batch.truncated.as_ref().is_some_and(|truncated| truncated[i]);
         let is = |fits: &dyn Fn(usize) -> bool| (0..size).filter(|&i| fits(i)).eq(differing.iter().copied());
         let kinds: [(&str, &dyn Fn(usize) -> bool); 5] = [
             ("that terminated", &|i| batch.terminated[i]),
-            ("that were truncated", &truncated),
-            ("that terminated or were truncated", &|i| batch.terminated[i] || truncated(i)),
+            ("that were truncated", &|i| batch.is_truncated(i)),
+            ("that terminated or were truncated", &|i| batch.terminated[i] || batch.is_truncated(i)),
             ("that did not terminate", &|i| !batch.terminated[i]),
-            ("that neither terminated nor were truncated", &|i| !(batch.terminated[i] || truncated(i))),
+            ("that neither terminated nor were truncated", &|i| {
+                !(batch.terminated[i] || batch.is_truncated(i))
+            }),
         ];
         let kind = kinds.iter().find(|(_, fits)| is(fits)).map(|(kind, _)| (*kind).to_owned());
         let actions = 0..self.update.online.sizes()[self.update.online.num_layers()];
@@ -210,7 +206,7 @@ impl Search<'_> {
         ours: &[Number],
         theirs: &[f64],
     ) -> Option<String> {
-        if base.variant.optimizer != Optimizer::Adam || base.variant.amsgrad {
+        if base.variant.optimizer != Optimizer::Adam || base.variant.settings.amsgrad {
             return None;
         }
         let weights = self.update.online.parameters();

@@ -134,7 +134,7 @@ impl Mistake {
 
 /// Puts the optimiser of a variant in the place of another one.
 fn optimize(variant: &mut Variant, optimizer: Optimizer, momentum: f64) {
-    (variant.optimizer, variant.momentum, variant.buffer_scale) = (optimizer, momentum, 1.0);
+    (variant.optimizer, variant.settings.momentum, variant.buffer_scale) = (optimizer, momentum, 1.0);
 }
 
 /// A mistake's name, the first quantity that it changes, and how it is made: a variant that cannot have it stays as it is.
@@ -214,21 +214,21 @@ pub const CHANGES: &[Change] = &[
     ("gradient_accumulated", Stage::Gradients, |v| if v.given.gradient_before { v.is_accumulated = true }),
     ("gradient_not_clipped", Stage::Gradients, |v| v.clipping = Clipping::Nothing),
     ("gradient_clipped_by_value", Stage::Gradients, |v| v.clipping = Clipping::Value(v.fitted.clip_value)),
-    ("gradient_clipped_by_tensor", Stage::Gradients, |v| if v.max_gradient_norm.is_some() { v.clipping = Clipping::EveryTensor }),
+    ("gradient_clipped_by_tensor", Stage::Gradients, |v| if v.settings.max_gradient_norm.is_some() { v.clipping = Clipping::EveryTensor }),
     // m ← β₁ m + (1 − β₁) g    v ← β₂ v + (1 − β₂) g²    θ ← θ − α m̂ / (√v̂ + ε)
     ("adam_uncorrected", Stage::Weights, |v| if v.is_adam() { v.optimizer = Optimizer::AdamUncorrected }),
-    ("adam_epsilon_of_keras", Stage::Weights, |v| if v.optimizer == Optimizer::Adam { v.epsilon_place = EpsilonPlace::TensorFlow }),
-    ("adam_epsilon_1e-7", Stage::Weights, |v| if v.is_adam() { v.epsilon = 1e-7 }),
+    ("adam_epsilon_of_keras", Stage::Weights, |v| if v.optimizer == Optimizer::Adam { v.settings.epsilon_place = EpsilonPlace::TensorFlow }),
+    ("adam_epsilon_1e-7", Stage::Weights, |v| if v.is_adam() { v.settings.epsilon = 1e-7 }),
     ("weight_decay", Stage::Weights, |v| v.decay = Decay::Decoupled(0.01)),
     ("weight_decay_of_optax", Stage::Weights, |v| v.decay = Decay::Decoupled(0.0001)),
     ("weight_decay_in_gradient", Stage::Weights, |v| v.decay = Decay::Squared(0.01)),
     ("another_weight_decay", Stage::Weights, |v| v.decay = Decay::Decoupled(v.fitted.weight_decay)),
     ("weight_decay_forgotten", Stage::Weights, |v| v.decay = Decay::None),
-    ("amsgrad_left_out", Stage::Weights, |v| v.amsgrad = false),
-    ("another_learning_rate", Stage::Weights, |v| v.learning_rate = v.fitted.learning_rate),
+    ("amsgrad_left_out", Stage::Weights, |v| v.settings.amsgrad = false),
+    ("another_learning_rate", Stage::Weights, |v| v.settings.learning_rate = v.fitted.learning_rate),
     ("adam", Stage::Weights, |v| if !v.is_adam() { optimize(v, Optimizer::Adam, 0.0) }),
     ("sgd", Stage::Weights, |v| optimize(v, Optimizer::Sgd, 0.0)),
-    ("sgd_with_momentum", Stage::Weights, |v| (v.optimizer, v.momentum, v.buffer_scale) = (Optimizer::Sgd, v.fitted.momentum, v.fitted.buffer_scale)),
+    ("sgd_with_momentum", Stage::Weights, |v| (v.optimizer, v.settings.momentum, v.buffer_scale) = (Optimizer::Sgd, v.fitted.momentum, v.fitted.buffer_scale)),
     ("rmsprop", Stage::Weights, |v| optimize(v, Optimizer::RmsProp, 0.0)),
     ("step_count_behind", Stage::Weights, |v| if v.is_adam() && v.step > 1 { v.step -= 1 }),
     ("step_count_ahead", Stage::Weights, |v| if v.is_adam() { v.step += 1 }),

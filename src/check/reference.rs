@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use super::activation::LayerKinds;
-use super::file::{Batch, EpsilonPlace, Update};
+use super::file::{Batch, EpsilonPlace, Settings, Update};
 use super::pass::{Pass, backward, forward};
 use super::rounding::{Matrix, Number, square};
 use super::variant::{
@@ -38,13 +38,6 @@ pub struct Targets {
     pub values: Vec<Number>,
     places: Vec<Vec<(usize, usize)>>,
     slopes: Vec<f64>,
-}
-
-struct Compared {
-    sample: usize,
-    output: usize,
-    /// The target; none where a full target vector has another number.
-    of: Option<usize>,
 }
 
 /// The loss and its derivatives.
@@ -129,8 +122,7 @@ impl<'a> Reference<'a> {
         let q = if variant.from_online { q_online } else { q_target };
         let largest = (0..batch.rewards.len()).map(|row| (row, argmax(&q.value, row)));
         let largest = largest.reduce(|best, place| if q.value[place] > q.value[best] { place } else { best });
-        let (mut values, mut nexts, mut places, mut slopes) =
-            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (mut nexts, mut places, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
         for sample in 0..batch.rewards.len() {
             let best = |q: &Matrix| vec![(sample, argmax(&q.value, sample))];
             let (chosen, chooser) = match variant.bootstrap {
@@ -153,30 +145,25 @@ impl<'a> Reference<'a> {
             if variant.bootstrap == NextValue::Index {
                 next = Number::exact(chosen[0].1 as f64);
             }
-            let slope = self.discount(variant, sample) * self.mask(variant, sample);
-            if variant.square.is_none() {
-                values.push(self.target(variant, sample, slope, next));
-            }
             nexts.push(next);
-            slopes.push(if variant.bootstrap == NextValue::Index { 0.0 } else { slope });
+            let has_slope = variant.bootstrap != NextValue::Index;
+            slopes.push(if has_slope { self.slope(variant, sample) } else { 0.0 });
             places.push(chosen);
         }
-        let size = batch.rewards.len();
-        for place in 0..variant.square.map_or(0, |_| size * size) {
-            let [reward, mask, next] = variant
-                .square
-                .unwrap_or_default()
-                .map(|of_row| if of_row { place / size } else { place % size });
-            let slope = self.discount(variant, mask) * self.mask(variant, mask);
-            values.push(self.target(variant, reward, slope, nexts[next]));
-        }
+        let (size, is_square) = (nexts.len(), variant.square.is_some());
+        let value = |place: usize| {
+            let of = |of_row: bool| if of_row && is_square { place / size } else { place % size };
+            let [reward, mask, next] = variant.square.unwrap_or_default().map(of);
+            self.target(variant, reward, self.slope(variant, mask), nexts[next])
+        };
+        let values = (0..if is_square { size * size } else { size }).map(value).collect();
         Targets { values, places, slopes }
     }
 
-    /// What multiplies the value of s′, where it is not masked.
-    fn discount(&self, variant: &Variant, sample: usize) -> f64 {
-        let (discounts, gamma) = (&self.update.batch.discounts, variant.given.gamma);
-        match variant.discount {
+    /// What multiplies the value of s′: 0 where the target is the reward alone.
+    fn slope(&self, variant: &Variant, sample: usize) -> f64 {
+        let (discounts, gamma) = (&self.update.batch.discounts, variant.settings.gamma);
+        let discount = match variant.discount {
             Discount::Own => discounts[sample],
             Discount::Forgotten => 1.0,
             Discount::Twice => square(discounts[sample]),
@@ -185,7 +172,8 @@ impl<'a> Reference<'a> {
             Discount::OneLess => discounts[sample] / gamma,
             Discount::Longest => discounts.iter().copied().fold(f64::INFINITY, f64::min),
             Discount::Other(gamma) => gamma,
-        }
+        };
+        if self.is_masked(variant, sample) { 0.0 } else { discount }
     }
 
     fn target(&self, variant: &Variant, sample: usize, slope: f64, next: Number) -> Number {
@@ -197,7 +185,7 @@ impl<'a> Reference<'a> {
             Reward::Clipped => batch.rewards[sample].clamp(-1.0, 1.0),
             Reward::Negated => -batch.rewards[sample],
         };
-        let is_lost = variant.reward_is_masked && self.mask(variant, sample) == 0.0;
+        let is_lost = variant.reward_is_masked && self.is_masked(variant, sample);
         let reward = if is_lost { 0.0 } else { reward };
         let mut target = next.scaled(slope);
         let rounded = square(reward) + 4.0 * square(target.value);
@@ -206,18 +194,15 @@ impl<'a> Reference<'a> {
         target
     }
 
-    /// What multiplies the value of s′: 0 where the target is the reward alone.
-    fn mask(&self, variant: &Variant, sample: usize) -> f64 {
-        let batch = &self.update.batch;
-        let terminated = batch.terminated[sample];
-        let truncated = batch.truncated.as_ref().is_some_and(|truncated| truncated[sample]);
-        let is_masked = match variant.mask {
+    fn is_masked(&self, variant: &Variant, sample: usize) -> bool {
+        let (terminated, truncated) =
+            (self.update.batch.terminated[sample], self.update.batch.is_truncated(sample));
+        match variant.mask {
             Mask::Terminated => terminated,
             Mask::Nowhere => false,
             Mask::TerminatedOrTruncated => terminated || truncated,
             Mask::NotTerminated => !terminated,
-        };
-        f64::from(!is_masked)
+        }
     }
 
     /// L = 1/B Σ ℓ(Q(s, a) − y)
@@ -249,7 +234,7 @@ impl<'a> Reference<'a> {
             total += q.get(sample, actions[sample]);
             total
         });
-        self.compare(variant, q, targets.values.len(), |Compared { sample, output, of }| {
+        self.compare(variant, q, targets.values.len(), |sample, output, of| {
             let is_sum = variant.predicted == Predicted::SumOfBatch;
             let predicted = if is_sum { total } else { q.get(sample, output) };
             let target = match (of, others) {
@@ -285,13 +270,19 @@ impl<'a> Reference<'a> {
         LossOf { value, by_q, by_target }
     }
 
-    /// Visits the outputs that are compared, each with its target.
-    fn compare(&self, variant: &Variant, q: &Matrix, targets: usize, mut visit: impl FnMut(Compared)) {
+    /// Visits sample and output of what is compared, and its target; none where a full target vector has another number.
+    fn compare(
+        &self,
+        variant: &Variant,
+        q: &Matrix,
+        targets: usize,
+        mut visit: impl FnMut(usize, usize, Option<usize>),
+    ) {
         let (batch, outputs) = q.value.shape();
         let actions = &self.update.batch.actions;
         let is_square = targets > batch;
         for i in 0..batch {
-            let mut put = |output, of| visit(Compared { sample: i, output, of });
+            let mut put = |output, of| visit(i, output, of);
             let action = actions[i];
             match variant.predicted {
                 Predicted::Taken if is_square => (0..batch).for_each(|j| put(action, Some(i * batch + j))),
@@ -357,7 +348,7 @@ impl<'a> Reference<'a> {
                 *number += Number { value: before, variance: square(4.0 * unit * before) };
             }
         }
-        let max_norm = variant.max_gradient_norm.unwrap_or(f64::INFINITY);
+        let max_norm = variant.settings.max_gradient_norm.unwrap_or(f64::INFINITY);
         match variant.clipping {
             Clipping::Nothing => {}
             Clipping::Value(limit) => {
@@ -406,7 +397,7 @@ impl<'a> Reference<'a> {
         let Update { online, adam, target, rounding_unit: unit, .. } = self.update;
         let rounding = step_rounding(variant, *unit);
         let step = variant.step as f64;
-        let corrections = [variant.beta1, variant.beta2].map(|beta| 1.0 - beta.powf(step));
+        let corrections = [variant.settings.beta1, variant.settings.beta2].map(|beta| 1.0 - beta.powf(step));
         let all = [&adam.first, &adam.second, adam.largest.as_ref().unwrap_or(&adam.second)];
         let (weights, target) = (online.parameters(), target.as_ref().map(Mlp::parameters));
         let number = |(index, gradient): (usize, &Number)| {
@@ -446,16 +437,16 @@ fn step_rounding(variant: &Variant, unit: f64) -> f64 {
         (1.0 + variant.step as f64 * power) / (1.0 - power) + 1.0 / (1.0 - beta)
     };
     let averaged = match variant.optimizer {
-        Optimizer::RmsProp => 1.0 / (1.0 - variant.alpha),
+        Optimizer::RmsProp => 1.0 / (1.0 - variant.settings.alpha),
         Optimizer::Sgd | Optimizer::Nothing => 0.0,
-        _ => of(variant.beta1) + of(variant.beta2),
+        _ => of(variant.settings.beta1) + of(variant.settings.beta2),
     };
     unit * (16.0 + averaged + 2.0 * variant.buffer_scale)
 }
 
 /// A parameter after one step; `corrections` are 1 − β₁ᵗ and 1 − β₂ᵗ, `moments` m, v and the largest v.
 fn stepped(variant: &Variant, corrections: [f64; 2], weight: f64, gradient: f64, moments: [f64; 3]) -> f64 {
-    let Variant { learning_rate, beta1, beta2, epsilon, alpha, .. } = *variant;
+    let Settings { learning_rate, beta1, beta2, epsilon, alpha, .. } = variant.settings;
     let [first, second, largest] = moments;
     let (decayed, gradient) = match variant.decay {
         Decay::None => (weight, gradient),
@@ -464,9 +455,9 @@ fn stepped(variant: &Variant, corrections: [f64; 2], weight: f64, gradient: f64,
     };
     let m = beta1 * first + (1.0 - beta1) * gradient;
     let v = beta2 * second + (1.0 - beta2) * square(gradient);
-    let v = if variant.amsgrad { v.max(largest) } else { v };
+    let v = if variant.settings.amsgrad { v.max(largest) } else { v };
     let [correction1, correction2] = corrections;
-    let is_keras = variant.epsilon_place == EpsilonPlace::TensorFlow;
+    let is_keras = variant.settings.epsilon_place == EpsilonPlace::TensorFlow;
     let direction = match variant.optimizer {
         Optimizer::Adam if is_keras => correction2.sqrt() / correction1 * m / (v.sqrt() + epsilon),
         Optimizer::Adam => m / correction1 / ((v / correction2).sqrt() + epsilon),
@@ -479,7 +470,7 @@ fn stepped(variant: &Variant, corrections: [f64; 2], weight: f64, gradient: f64,
         Optimizer::Nothing => 0.0,
     };
     let has_buffer = matches!(variant.optimizer, Optimizer::RmsProp | Optimizer::Sgd);
-    let buffer = if has_buffer { variant.momentum * variant.buffer_scale * first } else { 0.0 };
+    let buffer = if has_buffer { variant.settings.momentum * variant.buffer_scale * first } else { 0.0 };
     // With ε = 0 the step of a gradient that was always 0 is 0 / 0.
     let direction = if direction.is_nan() { 0.0 } else { direction + buffer };
     decayed - learning_rate * if variant.is_ascent { -direction } else { direction }

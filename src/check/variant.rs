@@ -3,12 +3,14 @@
 #![allow(missing_docs)]
 
 use super::activation::LayerKinds;
-use super::file::{EpsilonPlace, OptimizerName, Update};
+use super::file::{OptimizerName, Settings, Update};
 use crate::nn::Loss;
 
 /// How an update is computed: the right way ([`Variant::right`]), or with some of the catalogue's mistakes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variant {
+    /// Those of the update, but for what a mistake changes in them.
+    pub settings: Settings,
     pub activations: LayerKinds,
     /// Of which network, and of what, `result.q` is.
     pub queried: Queried,
@@ -39,23 +41,14 @@ pub struct Variant {
     pub reached: Reached,
     /// The gradient before the update is still there.
     pub is_accumulated: bool,
-    pub max_gradient_norm: Option<f64>,
     pub clipping: Clipping,
     /// What is added to ‖g‖ where the norm is shortened; none if either form will do.
     pub norm_margin: Option<f64>,
 
     pub optimizer: Optimizer,
     pub is_ascent: bool,
-    pub amsgrad: bool,
-    pub momentum: f64,
     /// The momentum's buffer is the first moment times this.
     pub buffer_scale: f64,
-    pub alpha: f64,
-    pub learning_rate: f64,
-    pub beta1: f64,
-    pub beta2: f64,
-    pub epsilon: f64,
-    pub epsilon_place: EpsilonPlace,
     /// The number of this step, from 1.
     pub step: u64,
     pub decay: Decay,
@@ -74,7 +67,6 @@ pub struct Given {
     pub target_is_online: bool,
     /// Discounts that differ from γ.
     pub n_step: bool,
-    pub gamma: f64,
     pub gradient_before: bool,
 }
 
@@ -259,10 +251,11 @@ pub enum Decay {
 
 impl Variant {
     pub fn right(update: &Update) -> Self {
-        let settings = &update.settings;
+        let settings = update.settings;
         let decay = settings.weight_decay();
         let Update { batch, before, target, online, adam, .. } = update;
         Self {
+            settings,
             activations: LayerKinds::RIGHT,
             queried: Queried::Online,
             reward: Reward::Whole,
@@ -285,7 +278,6 @@ impl Variant {
             through_target: false,
             reached: Reached::Compared,
             is_accumulated: false,
-            max_gradient_norm: settings.max_gradient_norm,
             clipping: match (settings.max_gradient_norm, settings.clip_value) {
                 (Some(_), _) => Clipping::Norm,
                 (None, Some(limit)) => Clipping::Value(limit),
@@ -298,15 +290,7 @@ impl Variant {
                 OptimizerName::Sgd => Optimizer::Sgd,
             },
             is_ascent: false,
-            amsgrad: settings.amsgrad,
-            momentum: settings.momentum,
             buffer_scale: 1.0,
-            alpha: settings.alpha,
-            learning_rate: settings.learning_rate,
-            beta1: settings.beta1,
-            beta2: settings.beta2,
-            epsilon: settings.epsilon,
-            epsilon_place: settings.epsilon_place,
             step: adam.steps + 1,
             decay: match settings.optimizer {
                 _ if decay == 0.0 => Decay::None,
@@ -318,7 +302,6 @@ impl Variant {
                 target: target.is_some(),
                 target_is_online: target.as_ref() == Some(online),
                 n_step: batch.discounts.iter().any(|&discount| (discount - settings.gamma).abs() > 1e-6),
-                gamma: settings.gamma,
                 gradient_before: before.is_some() || adam.steps == 1,
             },
             fitted: Fitted { clip_value: settings.max_gradient_norm.unwrap_or(1.0), ..Fitted::default() },
@@ -334,8 +317,8 @@ impl Variant {
         {
             all.push(Self { loss: Penalty::SmoothL1(delta), ..right });
         }
-        if right.momentum > 0.0 {
-            let scaled = |one: &Self| Self { buffer_scale: 1.0 / (1.0 - one.momentum), ..*one };
+        if right.settings.momentum > 0.0 {
+            let scaled = |one: &Self| Self { buffer_scale: 1.0 / (1.0 - one.settings.momentum), ..*one };
             all.extend(all.iter().map(scaled).collect::<Vec<_>>());
         }
         all

@@ -23,7 +23,7 @@ const KEPT: usize = 3;
 /// Most parameters of which several threads have gradients at the same time.
 const MAX_PARALLEL: usize = 1 << 22;
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct Verdict {
     pub equal: bool,
     /// What the batch shows by itself.
@@ -141,87 +141,27 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
         takes_their_gradients: false,
     };
     let mut hypotheses: Vec<_> = Variant::all_right(update).into_iter().map(right).collect();
-    let (mut quantities, mut norm_clipping, mut unseen) = (Vec::new(), None, Vec::new());
-    let (has_q, mut is_lost) = (update.results.q.is_some(), false);
-    for stage in [Stage::Q].into_iter().filter(|_| has_q).chain(Stage::ALL) {
-        let Some(theirs) = search.theirs(stage) else {
-            quantities.push(Judged::new(stage, QuantityState::Absent, &[], &[]));
-            continue;
-        };
-        let ours = search.compute(&hypotheses[0], stage);
-        let mut judged = Judged::new(stage, QuantityState::Different, &ours, theirs);
-        let mut following = search.still_reproducing(&hypotheses, &ours, stage);
-        if let Some(place) = theirs.iter().position(|value| !value.is_finite()) {
-            if is_lost {
-                judged.common = Some("as follows from the numbers above that are not finite".into());
-                quantities.push(judged);
-                continue;
-            }
-            is_lost = true;
-            following = hypotheses[..1].to_vec();
-            following[0].found("not_finite", stage, Some(not_finite(place, theirs, &ours)));
-        }
-        if following.is_empty() {
-            following = search.explain(&hypotheses, stage);
-        }
-        if following.is_empty() && stage == Stage::Q {
-            let is_dueling = search.is_dueling_over_batch(&ours, theirs);
-            hypotheses[0].found(
-                if is_dueling { "dueling_mean_over_batch" } else { "another_network" },
-                stage,
-                None,
-            );
-            hypotheses.truncate(1);
-            following.clone_from(&hypotheses);
-        }
-        if let Some(first) = following.first() {
-            let is_explained = first.mistakes.iter().any(|explained| explained.quantity == stage);
-            if is_explained {
-                judged.state = QuantityState::Explained;
-            } else {
-                judged = Judged::new(stage, QuantityState::Equal, &search.compute(first, stage), theirs);
-            }
-            hypotheses = following;
-        } else {
-            judged.common = search.common(stage, &ours, theirs);
-            unseen.extend(search.unseen(&hypotheses[0], stage, &ours, theirs));
-        }
-        for hypothesis in &mut hypotheses {
-            // Also of equal targets: where two actions are equally good, theirs may have the value of the other one.
-            hypothesis.takes_their_targets |=
-                stage == Stage::Targets && judged.state != QuantityState::Explained;
-            hypothesis.takes_their_gradients |=
-                stage == Stage::Gradients && judged.state == QuantityState::Different;
-        }
-        if stage >= Stage::Gradients && judged.state != QuantityState::Different {
-            norm_clipping = norm_clipping.or_else(|| search.norm_clipping(&hypotheses[0], stage));
-        }
-        quantities.push(judged);
+    let mut verdict = Verdict { batch: batch::judge(update), facts: search.facts(), ..Verdict::default() };
+    let first = update.results.q.as_ref().map(|_| Stage::Q);
+    for stage in first.into_iter().chain(Stage::ALL) {
+        let judged = search.judge(stage, &mut hypotheses, &mut verdict);
+        verdict.quantities.push(judged);
     }
     search.judge_target_after(&mut hypotheses);
-    let is_unexplained = quantities.iter().any(|quantity| quantity.state == QuantityState::Different);
-    let not_visible = if is_unexplained { Vec::new() } else { search.not_visible(&hypotheses[0]) };
-    let facts = search.facts();
-    let untried = search.untried.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let is_equal = |judged: &Judged| matches!(judged.state, QuantityState::Absent | QuantityState::Equal);
-    let explanations = hypotheses.into_iter().map(|Hypothesis { mut mistakes, .. }| {
-        mistakes.sort_by_key(|explained| explained.quantity);
-        mistakes
-    });
-    let explanations: Vec<_> = explanations.filter(|mistakes| !mistakes.is_empty()).collect();
-    let batch = batch::judge(update);
-    Verdict {
-        equal: quantities.iter().all(is_equal) && batch.mistakes.is_empty() && explanations.is_empty(),
-        batch,
-        not_visible,
-        explanations,
-        facts,
-        unseen,
-        quantities,
-        norm_clipping,
-        mistakes_left_out: untried.mistakes,
-        pairs_left_out: untried.pairs,
+    if verdict.quantities.iter().all(|judged| judged.state != QuantityState::Different) {
+        verdict.not_visible = search.not_visible(&hypotheses[0]);
     }
+    for Hypothesis { mut mistakes, .. } in hypotheses {
+        mistakes.sort_by_key(|explained| explained.quantity);
+        verdict.explanations.extend(Some(mistakes).filter(|mistakes| !mistakes.is_empty()));
+    }
+    let is_equal = |judged: &Judged| matches!(judged.state, QuantityState::Absent | QuantityState::Equal);
+    verdict.equal = verdict.quantities.iter().all(is_equal)
+        && verdict.batch.mistakes.is_empty()
+        && verdict.explanations.is_empty();
+    let untried = search.untried.into_inner().unwrap_or_else(PoisonError::into_inner);
+    (verdict.mistakes_left_out, verdict.pairs_left_out) = (untried.mistakes, untried.pairs);
+    verdict
 }
 
 #[derive(Default)]
@@ -243,6 +183,57 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
+    /// Judges one quantity. The hypotheses that remain give its numbers as well, where any do.
+    fn judge(&self, stage: Stage, hypotheses: &mut Vec<Hypothesis>, verdict: &mut Verdict) -> Judged {
+        let Some(theirs) = self.theirs(stage) else {
+            return Judged::new(stage, QuantityState::Absent, &[], &[]);
+        };
+        let ours = self.compute(&hypotheses[0], stage);
+        let mut judged = Judged::new(stage, QuantityState::Different, &ours, theirs);
+        let mut following = self.still_reproducing(hypotheses, &ours, stage);
+        if let Some(place) = theirs.iter().position(|value| !value.is_finite()) {
+            if hypotheses[0].mistakes.iter().any(|explained| explained.mistake.id == "not_finite") {
+                judged.common = Some("as follows from the numbers above that are not finite".into());
+                return judged;
+            }
+            following = hypotheses[..1].to_vec();
+            following[0].found("not_finite", stage, Some(not_finite(place, theirs, &ours)));
+        }
+        if following.is_empty() {
+            following = self.explain(hypotheses, stage);
+        }
+        if following.is_empty() && stage == Stage::Q {
+            let is_dueling = self.is_dueling_over_batch(&ours, theirs);
+            let id = if is_dueling { "dueling_mean_over_batch" } else { "another_network" };
+            following = hypotheses[..1].to_vec();
+            following[0].found(id, stage, None);
+        }
+        if let Some(first) = following.first() {
+            let is_explained = first.mistakes.iter().any(|explained| explained.quantity == stage);
+            if is_explained {
+                judged.state = QuantityState::Explained;
+            } else {
+                judged = Judged::new(stage, QuantityState::Equal, &self.compute(first, stage), theirs);
+            }
+            *hypotheses = following;
+        } else {
+            judged.common = self.common(stage, &ours, theirs);
+            verdict.unseen.extend(self.unseen(&hypotheses[0], stage, &ours, theirs));
+        }
+        for hypothesis in hypotheses.iter_mut() {
+            // Also of equal targets: where two actions are equally good, theirs may have the value of the other one.
+            hypothesis.takes_their_targets |=
+                stage == Stage::Targets && judged.state != QuantityState::Explained;
+            hypothesis.takes_their_gradients |=
+                stage == Stage::Gradients && judged.state == QuantityState::Different;
+        }
+        if stage >= Stage::Gradients && judged.state != QuantityState::Different {
+            let norm_clipping = || self.norm_clipping(&hypotheses[0], stage);
+            verdict.norm_clipping = verdict.norm_clipping.or_else(norm_clipping);
+        }
+        judged
+    }
+
     pub(super) fn theirs(&self, stage: Stage) -> Option<&[f64]> {
         let results = &self.update.results;
         match stage {
@@ -384,7 +375,8 @@ impl Search<'_> {
     fn could_be_shortened(&self, ours: &[Number], theirs: &[f64]) -> bool {
         let parameters = self.update.online.parameters().len() as f64;
         let rounding = SAFETY * self.update.rounding_unit * parameters.sqrt();
-        let norm_error = 0.02 + rounding + 2.0 * NORM_MARGIN / self.right.max_gradient_norm.unwrap_or(1.0);
+        let norm_error =
+            0.02 + rounding + 2.0 * NORM_MARGIN / self.right.settings.max_gradient_norm.unwrap_or(1.0);
         let (mut least, mut most) = (0.0_f64, 1.0 + norm_error);
         for (ours, &theirs) in ours.iter().zip(theirs) {
             let tolerance = ours.tolerance() + norm_error * ours.value.abs();
@@ -511,17 +503,11 @@ impl Search<'_> {
 
     /// The hypotheses with the fewest changes that give their numbers.
     fn explain(&self, hypotheses: &[Hypothesis], stage: Stage) -> Vec<Hypothesis> {
-        let fitted: Vec<_> = hypotheses
-            .iter()
-            .map(|base| {
-                let fitted = self.fitted(base, stage);
-                base.computing(Variant { fitted, ..base.variant })
-            })
-            .collect();
-        let hypotheses = &fitted[..];
+        let fitted = |base| Variant { fitted: self.fitted(base, stage), ..base.variant };
+        let hypotheses: Vec<_> = hypotheses.iter().map(|base| base.computing(fitted(base))).collect();
         let without: Vec<_> = hypotheses.iter().flat_map(|one| self.without_one(one, stage)).collect();
         let with_one = |all: &[Hypothesis]| all.iter().flat_map(|base| self.with_one(base, stage)).collect();
-        for candidates in [without.clone(), with_one(hypotheses), with_one(&without)] {
+        for candidates in [without.clone(), with_one(&hypotheses), with_one(&without)] {
             let mut found = self.reproducing(candidates, stage);
             if !found.is_empty() {
                 found.truncate(MAX_EXPLANATIONS);
@@ -637,17 +623,13 @@ impl Search<'_> {
         };
         let moved = self.moved_to_online();
         let is_online = self.right.given.target_is_online && after == online && after != before;
+        let reversed = moved.filter(|tau| (0.9..1.0).contains(tau));
+        let way = |tau| format!("θ⁻ moves by {} of the way", short(tau));
         for hypothesis in hypotheses {
-            match moved {
+            match reversed {
                 _ if is_online => hypothesis.found("target_is_online", Stage::Weights, None),
-                Some(tau) if (0.9..1.0).contains(&tau) => {
-                    hypothesis.found(
-                        "tau_reversed",
-                        Stage::Weights,
-                        Some(format!("θ⁻ moves by {} of the way", short(tau))),
-                    );
-                }
-                _ => {}
+                Some(tau) => hypothesis.found("tau_reversed", Stage::Weights, Some(way(tau))),
+                None => {}
             }
         }
     }
@@ -669,33 +651,25 @@ impl Search<'_> {
 
     fn facts(&self) -> Vec<String> {
         let Update { results, adam, .. } = self.update;
-        let mut facts = Vec::new();
-        if self.right.given.target_is_online {
-            facts.push(
-                "your target network equals your online network: it was just copied, or is the same object"
-                    .into(),
-            );
-        }
-        if adam.steps == 0 && self.right.is_adam() {
-            facts.push(
-                "Adam is at its first step: right for the first update of a training; an optimiser that is made anew before \
-                 every update is always there"
-                    .into(),
-            );
-        }
-        if results.target.is_some() {
-            facts.push(match self.moved_to_online() {
-                Some(tau) if tau.abs() < 1e-9 => "the target network stays as it is".into(),
-                Some(tau) if (tau - 1.0).abs() < 1e-6 => {
-                    "the target network is copied from the online network".into()
-                }
-                Some(tau) => {
-                    format!("the target network moves by {} of the way to the online network", short(tau))
-                }
-                None => "the target network changes, and not towards the online network".into(),
-            });
-        }
-        facts
+        let is_online = self.right.given.target_is_online.then(|| {
+            "your target network equals your online network: it was just copied, or is the same object".into()
+        });
+        let is_first = (adam.steps == 0 && self.right.is_adam()).then(|| {
+            "Adam is at its first step: right for the first update of a training; an optimiser that is made anew before \
+             every update is always there"
+                .into()
+        });
+        let moves = results.target.as_ref().map(|_| match self.moved_to_online() {
+            Some(tau) if tau.abs() < 1e-9 => "the target network stays as it is".into(),
+            Some(tau) if (tau - 1.0).abs() < 1e-6 => {
+                "the target network is copied from the online network".into()
+            }
+            Some(tau) => {
+                format!("the target network moves by {} of the way to the online network", short(tau))
+            }
+            None => "the target network changes, and not towards the online network".into(),
+        });
+        [is_online, is_first, moves].into_iter().flatten().collect()
     }
 }
 
@@ -724,15 +698,13 @@ impl Judged {
         let difference = pairs().map(|(ours, theirs)| (ours.value - theirs).abs()).fold(0.0, f64::max);
         let scale = ours.iter().map(|ours| ours.value.abs()).fold(0.0, f64::max);
         let relative = if difference == 0.0 { 0.0 } else { difference / scale };
+        let agreeing = pairs().filter(|(ours, theirs)| agrees(ours, **theirs)).count();
         Self {
             name,
             state,
             largest_relative_difference: (state != QuantityState::Absent).then_some(relative),
             // Of another shape all of them differ.
-            differing: match ours.len() == theirs.len() {
-                true => pairs().filter(|(ours, theirs)| !agrees(ours, **theirs)).count(),
-                false => theirs.len(),
-            },
+            differing: theirs.len() - if ours.len() == theirs.len() { agreeing } else { 0 },
             numbers: theirs.len(),
             common: None,
         }

@@ -7,7 +7,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
-use super::check_trace::{self, INDENT, put};
+use super::check_trace::{self, put, put_all, put_mistake};
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::trace;
@@ -109,7 +109,8 @@ fn summary(verdict: &Verdict) -> String {
 }
 
 fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
-    let mut text = format!("{:<INDENT$}{file}\n", "file");
+    let mut text = String::new();
+    put(&mut text, "file", file);
     let sizes: Vec<_> = update.online.sizes().iter().map(ToString::to_string).collect();
     let float = if update.rounding_unit > 1e-10 { "f32" } else { "f64" };
     let networks = if update.target.is_some() { "with a target network" } else { "no target network" };
@@ -123,14 +124,9 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
         put_all(&mut text, "  in common", &quantity.common);
         let explanation = verdict.explanations.first().into_iter().flatten();
         for explained in explanation.filter(|explained| explained.quantity == quantity.name) {
-            let Explained { mistake, reported_only, measured, .. } = explained;
-            put(&mut text, "  what", &mistake.what);
-            put_all(&mut text, "", measured);
-            if *reported_only && measured.is_none() {
-                put(&mut text, "", "only this number has it: what follows is computed without it");
-            }
-            put(&mut text, "  why", &mistake.why);
-            put(&mut text, "  mend", &mistake.mend);
+            let only = "only this number has it: what follows is computed without it";
+            let only = explained.reported_only.then_some(only);
+            put_mistake(&mut text, explained.mistake, explained.measured.as_deref().or(only));
         }
     }
     for other in verdict.explanations.iter().skip(1) {
@@ -159,22 +155,14 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
 
 fn describe_batch(text: &mut String, batch: &BatchVerdict) {
     let BatchVerdict { mistakes, facts, unseen, .. } = batch;
-    let state = match (mistakes.is_empty(), &facts[..]) {
-        (false, facts) => ["WRONG".into()].iter().chain(facts).cloned().collect::<Vec<_>>().join("; "),
-        (true, []) => "of a task whose physics this program does not know".into(),
-        (true, facts) => facts.join("; "),
-    };
-    put(text, "batch", &state);
+    let wrong = (!mistakes.is_empty()).then_some("WRONG");
+    let state: Vec<&str> = wrong.into_iter().chain(facts.iter().map(String::as_str)).collect();
+    let unknown = "of a task whose physics this program does not know";
+    put(text, "batch", &if state.is_empty() { unknown.into() } else { state.join("; ") });
     for Found { mistake, evidence } in mistakes {
-        put(text, "  what", &format!("{}: {evidence}", mistake.what));
-        put(text, "  why", &mistake.why);
-        put(text, "  mend", &mistake.mend);
+        put_mistake(text, mistake, Some(evidence));
     }
     put_all(text, "possible", unseen);
-}
-
-fn put_all<'a>(text: &mut String, name: &str, paragraphs: impl IntoIterator<Item = &'a String>) {
-    paragraphs.into_iter().for_each(|paragraph| put(text, name, paragraph));
 }
 
 fn not_tried(verdict: &Verdict) -> String {
@@ -191,7 +179,7 @@ fn not_tried(verdict: &Verdict) -> String {
 
 fn settings(update: &Update) -> String {
     let settings = &update.settings;
-    let Settings { gamma, learning_rate, beta1, beta2, epsilon, huber_delta, .. } = settings;
+    let Settings { gamma, learning_rate, beta1, beta2, epsilon, alpha, huber_delta, .. } = settings;
     let mut said = vec![format!("gamma {gamma}")];
     said.push(match settings.loss {
         Loss::Mse => "loss mse".into(),
@@ -202,20 +190,15 @@ fn settings(update: &Update) -> String {
     let step = update.adam.steps + 1;
     let place =
         if settings.epsilon_place == EpsilonPlace::TensorFlow { " in TensorFlow's place" } else { "" };
-    let adam =
-        format!("learning_rate {learning_rate}, beta1 {beta1}, beta2 {beta2}, epsilon {epsilon:e}{place}");
+    let adam = format!(", beta1 {beta1}, beta2 {beta2}, epsilon {epsilon:e}{place}");
     let amsgrad = if settings.amsgrad { " (amsgrad)" } else { "" };
-    said.push(match settings.optimizer {
-        OptimizerName::Adam => format!("Adam{amsgrad} step {step} with {adam}"),
-        OptimizerName::AdamW => format!("AdamW{amsgrad} step {step} with {adam}"),
-        OptimizerName::RmsProp => {
-            format!(
-                "RMSprop with learning_rate {learning_rate}, alpha {}, epsilon {epsilon:e}{place}",
-                settings.alpha
-            )
-        }
-        OptimizerName::Sgd => format!("SGD with learning_rate {learning_rate}"),
-    });
+    let (optimizer, more) = match settings.optimizer {
+        OptimizerName::Adam => (format!("Adam{amsgrad} step {step}"), adam),
+        OptimizerName::AdamW => (format!("AdamW{amsgrad} step {step}"), adam),
+        OptimizerName::RmsProp => ("RMSprop".into(), format!(", alpha {alpha}, epsilon {epsilon:e}{place}")),
+        OptimizerName::Sgd => ("SGD".into(), String::new()),
+    };
+    said.push(format!("{optimizer} with learning_rate {learning_rate}{more}"));
     let named = [
         ("weight_decay", settings.weight_decay),
         ("momentum", Some(settings.momentum).filter(|momentum| *momentum > 0.0)),

@@ -1,12 +1,13 @@
-//! How `cartpole-dqn check` shows what it says of a loop.
+//! How `cartpole-dqn check` shows what it says: the parts, and what it says of a loop.
 
 use serde::Serialize;
 
 use super::ui::{Failure, print, print_json};
+use crate::check::Mistake;
 use crate::check::trace::Judgement;
 use crate::text::{COLUMNS, lines, visible};
 
-pub(super) const INDENT: usize = 12;
+const INDENT: usize = 12;
 
 #[derive(Serialize)]
 struct Printed<'a> {
@@ -32,27 +33,33 @@ pub(super) fn show(file: &str, judgement: &Judgement, is_json: bool) -> Result<(
 fn describe(file: &str, judgement: &Judgement) -> String {
     let mut text = String::new();
     put(&mut text, "file", file);
-    for (index, fact) in judgement.facts.iter().enumerate() {
-        put(&mut text, if index == 0 { "loop" } else { "" }, &visible(fact));
-    }
-    for named in &judgement.mistakes {
-        put(&mut text, "MISTAKE", &named.mistake.id.replace('_', " "));
-        put(&mut text, "  what", &named.mistake.what);
-        put(&mut text, "  shown by", &visible(&named.evidence));
-        put(&mut text, "  why", &named.mistake.why);
-        put(&mut text, "  mend", &named.mistake.mend);
+    put_all(&mut text, "loop", &judgement.facts);
+    for found in &judgement.mistakes {
+        put(&mut text, "MISTAKE", &found.mistake.name());
+        put_mistake(&mut text, found.mistake, Some(&found.evidence));
     }
     if judgement.mistakes.is_empty() {
         put(&mut text, "verdict", "nothing that could be seen is wrong");
     }
-    for (index, sentence) in judgement.unseen.iter().enumerate() {
-        put(&mut text, if index == 0 { "not seen" } else { "" }, &visible(sentence));
-    }
+    put_all(&mut text, "not seen", &judgement.unseen);
     text
+}
+
+pub(super) fn put_mistake(text: &mut String, mistake: &Mistake, evidence: Option<&str>) {
+    put(text, "  what", &mistake.what);
+    evidence.into_iter().for_each(|evidence| put(text, "  shown by", evidence));
+    put(text, "  why", &mistake.why);
+    put(text, "  mend", &mistake.mend);
+}
+
+/// Adds paragraphs behind one name.
+pub(super) fn put_all<'a>(text: &mut String, name: &str, paragraphs: impl IntoIterator<Item = &'a String>) {
+    let names = [name].into_iter().chain(std::iter::repeat(""));
+    paragraphs.into_iter().zip(names).for_each(|(paragraph, name)| put(text, name, paragraph));
 }
 
 /// Adds a paragraph behind its name.
 pub(super) fn put(text: &mut String, name: &str, paragraph: &str) {
     let margin = format!("\n{:INDENT$}", "");
-    *text += &format!("{name:<INDENT$}{}\n", lines(paragraph, COLUMNS - INDENT).join(&margin));
+    *text += &format!("{name:<INDENT$}{}\n", lines(&visible(paragraph), COLUMNS - INDENT).join(&margin));
 }

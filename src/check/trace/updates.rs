@@ -5,12 +5,12 @@ use std::collections::BTreeSet;
 
 use super::super::activation::LayerKinds;
 use super::super::file::{Settings, Update};
-use super::super::mistakes::{Mistake, Stage};
+use super::super::mistakes::Stage;
 use super::super::pass::forward;
 use super::super::reference::Reference;
 use super::super::rounding::agrees;
 use super::super::variant::Variant;
-use super::super::verdict::{QuantityState, Verdict, check_with};
+use super::super::verdict::{Explained, QuantityState, Verdict, check_with};
 use super::ends::Episodes;
 use super::file::{Told, Trace, Whole};
 use super::{Judgement, counted, median};
@@ -338,7 +338,7 @@ fn explain(whole: &Whole, verdict: &Verdict, judgement: &mut Judgement) {
                 "the forward pass at {place}: it is not that of dense layers with an activation between them. A scaled \
                  observation or another layer would do this"
             ));
-        } else if is_choice(mistake, &whole.told) {
+        } else if is_choice(explained, &whole.told) {
             judgement.fact(format!("in {place}, {}", mistake.what));
         } else {
             judgement.name(mistake.id, numbers);
@@ -347,13 +347,13 @@ fn explain(whole: &Whole, verdict: &Verdict, judgement: &mut Judgement) {
 }
 
 /// Whether nobody has said that it should be otherwise.
-fn is_choice(mistake: &Mistake, told: &Told) -> bool {
-    let id = mistake.id;
+fn is_choice(explained: &Explained, told: &Told) -> bool {
+    let (id, quantity) = (explained.mistake.id, explained.mistake.stage);
     let is_activation = id.starts_with("hidden_") && id != "hidden_linear";
     is_activation
         || (id.contains("clipped") && !told.has("max_gradient_norm") && !told.has("clip_value"))
         || (id.contains("discount") && !told.has("gamma"))
         || (id.starts_with("double") && !told.has("double"))
-        || (mistake.stage == Stage::Loss && !told.has("loss"))
-        || (mistake.stage == Stage::Weights && !told.has("learning_rate"))
+        || (quantity == Stage::Loss && !told.has("loss"))
+        || (quantity == Stage::Weights && !told.has("learning_rate"))
 }
