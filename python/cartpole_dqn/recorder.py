@@ -30,6 +30,7 @@ MAX_OBSERVATION = 4096
 MAX_BATCHES, MAX_ROWS = 200, 1 << 15  # Minibatches, and their rows.
 MAX_UPDATES, MAX_WEIGHTS = 8, 1 << 20  # Whole updates, and the weights of a network in them.
 CHECKSUM_BYTES = 2048  # A checksum covers as many bytes at either end of a tensor.
+ENOUGH_SHARED = 20  # Updates in turn after which online and target network are one object.
 SAMPLES = 16  # Weights of each network that are written down at every update.
 FIRST_WRITE = 2000  # Steps and updates after which the file is written for the first time.
 
@@ -178,7 +179,9 @@ class Recorder:
         learning, steps = self._learning, len(self._steps)
         if target is None:
             self._say("a target network: `learned` was given none", "target")
-        learning.same_object |= target is online
+        # Where arrays never change, as in JAX, a copy is the same object until the next update.
+        learning.shared = learning.shared + 1 if target is online else 0
+        learning.same_object |= learning.shared >= ENOUGH_SHARED
         if _is_keras(online) and not self._updates.fields:
             self._settings.setdefault("epsilon", 1e-7)
             self._settings.setdefault("epsilon_place", "tensorflow")
@@ -220,8 +223,8 @@ class Recorder:
         """Writes down all numbers of an update if the networks before it were kept, and keeps them if the next update is due."""
         learning = self._learning
         before, learning.before = learning.before, None
-        settings = _optimizer_settings(optimizer)
         if before is not None and batch is not None:
+            settings, _ = self._optimizer(optimizer)
             shapes = {name.partition(".")[2]: array.shape for name, array in before.items() if name.startswith("online.")}
             update = {**before, **{f"batch.{name}": _array(array) for name, array in batch.items()}}
             # Those of a rate that has just changed may not be the ones of this update.
@@ -250,7 +253,7 @@ class Recorder:
                 shapes = {name.partition(".")[2]: array.shape for name, array in kept.items()}
                 if target is not None:
                     kept.update(_network("target", target, shapes))
-                learning.settings = settings
+                learning.settings, optimizer = self._optimizer(optimizer)
                 for name, values in _other_moments(optimizer, online).items():
                     kept.update(_network(name, values, shapes))
                 if optimizer is not None and (moments := _adam(optimizer, online)) is not None:
@@ -260,6 +263,14 @@ class Recorder:
                 learning.before = kept
             except ValueError as error:
                 self._say(f"whole updates: {error}", "whole updates")
+
+    def _optimizer(self, optimizer: Any) -> tuple[dict[str, Any], Any]:
+        """What an optimizer says of itself, and the optimizer; nothing of one whose step `check` does not know."""
+        try:
+            return _optimizer_settings(optimizer), optimizer
+        except ValueError as error:
+            self._say(f"the step of the optimizer: {error}", "optimizer")
+            return {}, None
 
     def _batch(self, batch: Mapping[str, Any]) -> Optional[dict[str, np.ndarray]]:
         """The arrays of a minibatch, not copied; None if they do not fit to each other."""
@@ -390,7 +401,7 @@ class _Learning:
 
     def __init__(self) -> None:
         self.names: list[str] = []
-        self.same_object = False
+        self.same_object, self.shared = False, 0
         self.torch: dict[str, tuple[list[Any], int, list[_Tensor]]] = {}
         self.modules: dict[str, Any] = {}
         self.before: Optional[dict[str, np.ndarray]] = None

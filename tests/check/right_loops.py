@@ -31,13 +31,14 @@ def main():
     np.seterr(all="ignore")
     warnings.simplefilter("ignore")
     arguments.keep.mkdir(exist_ok=True)
-    done = [json.loads(line) for line in arguments.results.read_text().splitlines()] if arguments.results.exists() else []
-    known = {(one["loop"], one["seed"]) for one in done}
+    arguments.results.touch()
+    # Another process may write to the same results.
+    done = lambda: [json.loads(line) for line in arguments.results.read_text().splitlines()]
     loops = {name: lambda path, seed, steps, one=one: one[0](path, seed, steps, **one[1]) for name, one in LOOPS.items()}
     loops |= {f"NumPy, {name}": lambda path, seed, steps, one=one: recorder.record(path, "", one, seed, steps) for name, one in recorder.RIGHT.items()}
     for seed in arguments.seeds:
         for name, record in list(loops.items())[:: -1 if arguments.backwards else 1]:
-            if (name, seed) in known or (arguments.only and arguments.only not in name):
+            if (name, seed) in {(one["loop"], one["seed"]) for one in done()} or (arguments.only and arguments.only not in name):
                 continue
             path = str(arguments.keep / f"{name.replace(' ', '_').replace('/', '_')}.{seed}.trace")
             begin = time.process_time()
@@ -49,15 +50,15 @@ def main():
                 continue
             one = {"loop": name, "seed": seed, "steps": arguments.steps, "named": names, "facts": verdict["facts"], "unseen": verdict["unseen"]}
             one["seconds"] = round(time.process_time() - begin, 1)
-            done.append(one)
             with arguments.results.open("a") as file:
                 file.write(json.dumps(one, ensure_ascii=False) + "\n")
             if names:
                 print(f"FALSE ALARM {path}: {names}", flush=True)
             else:
                 pathlib.Path(path).unlink()
-    alarms = [one for one in done if one["named"]]
-    print(f"{len(alarms)} false alarms in {len(done)} right loops of {len({one['loop'] for one in done})} kinds")
+    results = done()
+    alarms = [one for one in results if one["named"]]
+    print(f"{len(alarms)} false alarms in {len(results)} right loops of {len({one['loop'] for one in results})} kinds")
     sys.exit(bool(alarms))
 
 
