@@ -2,11 +2,8 @@
 
 use crate::agent::{Dqn, DqnConfig, Minibatch, NotFinite, TargetUpdate};
 use crate::check::Settings;
-use crate::config::Config;
-use crate::env::EnvironmentError;
 use crate::nn::Mlp;
 use crate::tensors::Tensors;
-use crate::trainer::{Event, TrainError};
 
 #[derive(Clone, Debug)]
 pub struct ExplainedUpdate {
@@ -16,18 +13,14 @@ pub struct ExplainedUpdate {
     pub env_steps: u64,
     /// Complete episodes before it.
     pub episodes: u64,
-    /// The agent just before the update, and just after it.
     pub before: Dqn,
     pub after: Dqn,
     pub(crate) minibatch: Minibatch,
-    /// The TD targets, (batch).
     pub targets: Vec<f32>,
     pub loss: f32,
-    /// The gradient as Adam got it.
     pub(crate) gradient: Mlp<f32>,
 }
 
-/// Why there is no such update.
 #[derive(Debug, thiserror::Error)]
 pub enum ExplainError {
     #[error(
@@ -36,19 +29,19 @@ pub enum ExplainError {
     )]
     TooFar(u64),
     #[error(transparent)]
-    Environment(#[from] EnvironmentError),
+    Environment(#[from] crate::env::EnvironmentError),
     #[error(
         "an update of a network can be explained, and this config trains a table; docs/q_learning.md has its update"
     )]
     NoDqn,
     #[error(transparent)]
-    Train(#[from] TrainError),
+    Train(#[from] crate::trainer::TrainError),
     #[error("in this update {0} becomes NaN or infinite")]
     NotFinite(#[from] NotFinite),
 }
 
 /// Trains to update `number`, counted from 1, and does it.
-pub fn explain(config: &Config, number: u64) -> Result<ExplainedUpdate, ExplainError> {
+pub fn explain(config: &crate::config::Config, number: u64) -> Result<ExplainedUpdate, ExplainError> {
     let mut unevaluated = config.clone();
     if !config.stop_when_solved && config.stop_when_lasting_steps.is_none() {
         // Evaluations change nothing in a run.
@@ -67,7 +60,7 @@ pub fn explain(config: &Config, number: u64) -> Result<ExplainedUpdate, ExplainE
         let state = is_near.then(|| learned(before));
         let (env_steps, episodes) = (trainer.progress().env_steps + 1, trainer.progress().episodes);
         let steps = before.adam.steps;
-        let result = trainer.step(&mut Vec::<Event>::new());
+        let result = trainer.step(&mut Vec::<crate::trainer::Event>::new());
         let after = trainer.agent().as_dqn().ok_or(ExplainError::NoDqn)?;
         let has_learned = after.adam.steps > steps;
         let Some((online, target, adam, replay_rng)) = state.filter(|_| has_learned) else {
@@ -114,7 +107,6 @@ impl ExplainedUpdate {
         self.config.target != TargetUpdate::None
     }
 
-    /// As `cartpole-dqn check` reads it.
     pub fn settings(&self) -> Settings {
         let DqnConfig { gamma, loss, double, optimizer, .. } = &self.config;
         Settings {
@@ -130,7 +122,6 @@ impl ExplainedUpdate {
         }
     }
 
-    /// The tensors of the file that `cartpole-dqn check` reads.
     pub fn tensors(&self) -> Tensors {
         let mut file = Tensors::default();
         file.put_network("online.", &self.before.online.mlp);

@@ -3,7 +3,6 @@
 
 mod directory;
 
-use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::hash::{BuildHasher, RandomState};
 use std::io::{self, BufWriter, Read, Write};
@@ -67,7 +66,6 @@ impl Directory {
         Ok(self.sync_names(path)?)
     }
 
-    /// Writes a value whole as indented JSON.
     pub(crate) fn write_json(&self, path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
         self.write_whole(path, None, |file| {
             serde_json::to_writer_pretty(&mut *file, value)?;
@@ -138,10 +136,7 @@ impl Directory {
 
     /// Removes a file, which may be missing.
     pub(crate) fn remove_if_there(&self, path: &Path) -> io::Result<()> {
-        match self.remove_file(path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            removed => removed,
-        }
+        if_there(self.remove_file(path)).map(drop)
     }
 }
 
@@ -168,7 +163,6 @@ struct Unfinished<'a> {
 }
 
 impl<'a> Unfinished<'a> {
-    /// A new file beside `path`.
     fn new(directory: &'a Directory, path: &Path) -> io::Result<Self> {
         let mut files = own_unfinished();
         loop {
@@ -213,6 +207,14 @@ fn without_name(error: io::Error, path: &Path) -> io::Error {
     }
 }
 
+/// What was found; none if it is not there.
+pub(crate) fn if_there<T>(found: io::Result<T>) -> io::Result<Option<T>> {
+    match found {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        found => found.map(Some),
+    }
+}
+
 /// Opens an ordinary file to read it: a pipe could wait for ever, a device have no end.
 pub(crate) fn open_ordinary(path: &Path) -> io::Result<File> {
     if fs::metadata(path)?.is_file() { File::open(path) } else { Err(os::not_ordinary()) }
@@ -248,14 +250,13 @@ pub(crate) fn check_size(size: u64, max_bytes: u64) -> io::Result<()> {
     if size > max_bytes { Err(io::Error::new(io::ErrorKind::FileTooLarge, message())) } else { Ok(()) }
 }
 
-/// As [`read_limited`], as text.
 pub(crate) fn read_text_limited(path: &Path, max_bytes: u64) -> io::Result<String> {
     let text = String::from_utf8(read_limited(path, max_bytes)?);
     text.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
 }
 
 /// Whether a file's name is that of an unfinished one, which a killed process leaves behind.
-pub(crate) fn is_unfinished(name: &OsStr) -> bool {
+pub(crate) fn is_unfinished(name: &std::ffi::OsStr) -> bool {
     name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX))
 }
 

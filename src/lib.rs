@@ -1,31 +1,7 @@
 //! Deep Q-learning by hand, reproducible to the last bit; its tasks are Gymnasium's CartPole-v1, Acrobot-v1 and
 //! MountainCar-v0.
 //!
-//! | module | what it holds |
-//! | --- | --- |
-//! | `os` | what differs between Linux, macOS and Windows |
-//! | [`rng`] | one seed, one stream of random numbers per consumer |
-//! | [`mirror`], [`memory`] | the mirror image of a task; whether there is enough memory |
-//! | [`text`] | how a foreign name is shown; tables and sentences that fit a terminal |
-//! | [`env`](mod@env) | environments: CartPole, Acrobot and MountainCar, the time limit, and which names a config knows |
-//! | [`nn`] | network, backpropagation, losses, Adam, and their kernels |
-//! | [`tensors`] | named tensors as safetensors bytes |
-//! | [`agent`] | agents, of which DQN is one, and the policies that they make |
-//! | [`trainer`] | the loop, its events, who observes it, evaluation |
-//! | [`config`] | the JSON files that decide a run |
-//!
-//! That is the core. Features of the crate add the rest:
-//!
-//! | module | what it holds |
-//! | --- | --- |
-//! | `files` | files that are whole or not there |
-//! | `check`, `explain` | which known mistake another program's update has; one update of our own, with all its numbers |
-//! | `sink` | observers of a run: metrics, progress, TensorBoard |
-//! | `run` | the directory of a run: names, lock, checkpoints, resuming, verifying |
-//! | `study` | many runs: every config with every seed |
-//! | `draw`, `view` | a scene as a GIF, an SVG or in the terminal; views in a terminal |
-//! | `report` | what a study or a run amounts to, from files alone |
-//! | `cli` | one file per command |
+//! The rooms are below, each with what it holds. `rng` to `config` are the core; features of the crate add the rest.
 //!
 //! The direction: `rng, env, nn <- tensors <- agent <- trainer <- config <- run <- study <- report <- cli`. A room uses only
 //! rooms before it. The agent knows no environment. The trainer prints nothing, and knows no path and no config.

@@ -1,7 +1,5 @@
 //! `cartpole-dqn`: see the library's documentation and the README.
 
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
+fn main() -> std::process::ExitCode {
     cartpole_dqn::cli::run()
 }

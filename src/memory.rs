@@ -2,11 +2,8 @@
 
 use std::io;
 
-/// Whether the memory suffices for parts of so many bytes at the same time. A later allocation that fails would end the
-/// process.
-///
-/// # Errors
-/// [`io::ErrorKind::OutOfMemory`] when it does not.
+/// Fails where the memory does not suffice for parts of so many bytes at the same time. A later allocation that fails would
+/// end the process.
 pub fn check_memory(parts: impl IntoIterator<Item = u64>) -> io::Result<()> {
     let mut reserved = Vec::new();
     for part in parts {

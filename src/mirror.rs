@@ -1,11 +1,9 @@
 //! The mirror image of a task.
 
-use serde::{Deserialize, Serialize};
-
 /// Under which exchange of coordinates and actions a task is its own mirror image: the step from the image of s with
 /// the image of a leads to the image of s′, with the same reward and the same end (van der Pol et al. 2020, "MDP
 /// homomorphic networks", whose first example is CartPole).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Mirror {
     /// Coordinate i of the image is `factor` times coordinate j, where (j, `factor`) stands at place i.
     pub observation: Vec<(usize, f32)>,
@@ -27,7 +25,6 @@ impl Mirror {
             && self.actions.iter().enumerate().all(|(i, pair)| action(pair) == Some(i))
     }
 
-    /// The image of an observation.
     pub fn reflect(&self, observation: &[f32]) -> Vec<f32> {
         self.observation.iter().map(|&(from, factor)| factor * observation[from]).collect()
     }

@@ -7,7 +7,6 @@
 /// Who draws from a stream. A run spawns one stream for each from its seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
-    /// Initial weights.
     Init = 0,
     /// Start states of the training episodes.
     Environment = 1,

@@ -7,11 +7,9 @@ use safetensors::{Dtype, SafeTensors, View};
 use crate::nn::{Kernels, Mlp};
 use crate::rng::Rng;
 
-/// Most layers and most units of a layer that a policy may have.
 const MAX_LAYERS: usize = 64;
 const MAX_UNITS: usize = 1 << 16;
 
-/// Most tensors of a file.
 const MAX_TENSORS: usize = 4096;
 
 /// The JSON header of a safetensors file, as far as the file goes.
@@ -34,7 +32,6 @@ pub(crate) fn check_count(header: &[u8]) -> Result<(), String> {
     }
 }
 
-/// Tensors by name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tensors(BTreeMap<String, Tensor>);
 
@@ -75,7 +72,6 @@ pub enum TensorError {
 
 /// A number that tensors consist of.
 pub trait Element: Copy {
-    /// Its type in the file.
     const DTYPE: Dtype;
     /// Little-endian bytes.
     fn to_bytes(values: &[Self]) -> Vec<u8>;
@@ -118,7 +114,6 @@ impl View for &Tensor {
 }
 
 impl Tensors {
-    /// The tensors in the bytes of a safetensors file.
     pub(crate) fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
         let file = SafeTensors::deserialize(bytes)?;
         let tensors = file.iter().map(|(name, view)| {
@@ -128,7 +123,6 @@ impl Tensors {
         Ok(Self(tensors.collect()))
     }
 
-    /// The bytes of a safetensors file with these tensors and this metadata.
     pub fn to_safetensors(
         &self,
         metadata: Option<HashMap<String, String>>,

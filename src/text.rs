@@ -13,23 +13,16 @@ pub(crate) const GAP: &str = "  ";
 
 /// Whether a character could steer a terminal, break or reorder a line, or hide in it.
 pub fn steers(c: char) -> bool {
-    let is_hidden = matches!(
+    const HIDDEN: &str = "\u{ad}\u{61c}\u{115f}\u{1160}\u{180e}\u{3164}\u{feff}\u{ffa0}";
+    let is_in_hidden_range = matches!(
         c,
-        '\u{ad}'
-            | '\u{61c}'
-            | '\u{115f}'
-            | '\u{1160}'
-            | '\u{180e}'
-            | '\u{200b}'..='\u{200f}'
+        '\u{200b}'..='\u{200f}'
             | '\u{2028}'..='\u{202e}'
             | '\u{2060}'..='\u{206f}'
-            | '\u{3164}'
-            | '\u{feff}'
-            | '\u{ffa0}'
             | '\u{fff9}'..='\u{fffb}'
             | '\u{e0000}'..='\u{e007f}'
     );
-    c.is_control() || is_hidden
+    c.is_control() || HIDDEN.contains(c) || is_in_hidden_range
 }
 
 /// A name as it can be shown anywhere: characters for which [`steers`] holds become their escapes.

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::statistics::{NetworkStatistics, TRANSITIONS};
+use super::statistics::{TRANSITIONS, network_statistics};
 use super::{
     Agent, Counters, EpsilonGreedy, Exploration, Minibatch, NamedNumbers, NotFinite, Period, Played, Policy,
     PolicyWeights, Probes, QNetwork, Replay, ReplayConfig, ReplayContents, TargetUpdate, Transition, argmax,
@@ -22,7 +22,6 @@ pub struct Dqn {
     /// Bootstraps the targets: an older copy or a running mean of `online`. Without a target network it is copied at
     /// each update.
     pub target: QNetwork,
-    /// The optimiser of `online`.
     pub adam: Adam<f32>,
     /// What has happened, in divided observations and scaled rewards.
     pub replay: Replay,
@@ -30,16 +29,12 @@ pub struct Dqn {
     pub replay_rng: Rng,
     /// In which half of the samples are reflected, if they are.
     mirror: Option<Mirror>,
-    /// Chooses random actions.
     pub exploration: EpsilonGreedy,
     buffers: Buffers,
 }
 
 impl Dqn {
     /// One learning step: `learn.updates` minibatches. Returns their mean loss.
-    ///
-    /// # Errors
-    /// When the numbers leave the finite.
     pub fn learn(&mut self) -> Result<f32, NotFinite> {
         let ReplayConfig { batch_size, .. } = self.config.replay;
         let (mut ages, mut sum, mut count) = (vec![0; batch_size], 0.0, 0.0);
@@ -57,9 +52,6 @@ impl Dqn {
     }
 
     /// One gradient step on the minibatch of the transitions with these ages (algorithm 1, the inner loop). Returns its loss.
-    ///
-    /// # Errors
-    /// When the numbers leave the finite.
     pub fn update(&mut self, ages: &[usize]) -> Result<f32, NotFinite> {
         let Self { config, online, target, adam, replay, replay_rng, mirror, buffers, .. } = self;
         let Buffers { minibatch, targets, next_q, activations, gradient, row, .. } = buffers;
@@ -74,7 +66,7 @@ impl Dqn {
         online.forward(&minibatch.observations, activations);
         let (q, q_gradient) = activations.output_and_gradient_mut();
         let loss = td::loss(config.loss, q, &minibatch.actions, targets, q_gradient);
-        online.backward(activations, gradient);
+        online.mlp.backward(activations, gradient);
         if let Some(max_norm) = config.optimizer.max_gradient_norm {
             clip_norm(gradient.parameters_mut(), max_norm);
         }
@@ -135,7 +127,6 @@ pub struct DqnConfig {
     pub(crate) policy_weights: PolicyWeights,
 }
 
-/// When to learn.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearnConfig {
@@ -198,7 +189,7 @@ impl Dqn {
             adam: Adam::new(config.optimizer, online.mlp.parameters().len()),
             replay: Replay::new(config.replay.capacity, observation_size),
             replay_rng: Rng::spawn(seed, Stream::Replay),
-            mirror: mirror.map(|mirror| mirror.of_divided(online.divisors())),
+            mirror: mirror.map(|mirror| mirror.of_divided(&online.divisors)),
             exploration: EpsilonGreedy::new(config.exploration, Rng::spawn(seed, Stream::Explore)),
             buffers: Buffers::new(config.replay.update_size(), online.mlp.sizes()),
             online,
@@ -212,7 +203,6 @@ impl Dqn {
         (minibatch, targets, gradient)
     }
 
-    /// ε and the learning rate after `env_steps` environment steps.
     fn apply_schedules(&mut self, env_steps: u64) {
         self.adam.learning_rate = self.config.optimizer.learning_rate().after(env_steps);
         self.exploration.after_step(env_steps);
@@ -231,7 +221,8 @@ impl Agent for Dqn {
     fn act(&mut self, observation: &[f32]) -> usize {
         let Self { exploration, online, buffers: Buffers { acting, .. }, .. } = self;
         exploration.explore(acting.output().ncols()).unwrap_or_else(|| {
-            online.forward_one(observation, acting);
+            online.divide(observation, acting.input_mut().as_mut_slice());
+            online.mlp.forward(acting);
             argmax(acting.output(), 0)
         })
     }
@@ -311,11 +302,10 @@ impl Agent for Dqn {
             f64::from(q[(sample, usize::from(minibatch.actions[sample]))] - target).abs() / reward_scale
         });
         let td_errors = td_errors.collect();
-        online.backward(activations, gradient);
+        online.mlp.backward(activations, gradient);
         let terminal_share = replay.terminal_transitions() as f64 / replay.len() as f64;
         let network = &self.policy_network();
-        let statistics = NetworkStatistics { network, reward_scale, terminal_share, td_errors, gradient };
-        Some(statistics.numbers(probes, played))
+        Some(network_statistics(network, reward_scale, terminal_share, td_errors, gradient, probes, played))
     }
 
     fn weights_sha256(&self) -> String {

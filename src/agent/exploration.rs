@@ -1,13 +1,11 @@
 //! ε-greedy exploration: how ε falls, and for how many steps a random action is repeated.
 
-use serde::{Deserialize, Serialize};
-
 use crate::rng::Rng;
 use crate::tensors::{TensorError, Tensors};
 
 /// The schedule of ε, the probability of a random action. Every schedule counts from the start of the run, in
 /// absolute steps or episodes, never relative to the budget.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "schedule", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Exploration {
     /// After every episode ε × `decay`, as long as ε > `final` (the tutorial's rule).
@@ -17,7 +15,6 @@ pub enum Exploration {
         #[serde(rename = "final")]
         final_: f64,
         decay: f64,
-        /// See [`Exploration::repeat`].
         #[serde(default = "once")]
         repeat: u32,
     },
@@ -27,7 +24,6 @@ pub enum Exploration {
         #[serde(rename = "final")]
         final_: f64,
         steps: u64,
-        /// See [`Exploration::repeat`].
         #[serde(default = "once")]
         repeat: u32,
     },
@@ -51,7 +47,6 @@ impl Exploration {
         }
     }
 
-    /// ε after `env_steps` environment steps of the run.
     pub(crate) fn after_step(&self, epsilon: f64, env_steps: u64) -> f64 {
         match *self {
             Self::PerEpisode { .. } => epsilon,
@@ -84,7 +79,6 @@ pub struct EpsilonGreedy {
 }
 
 impl EpsilonGreedy {
-    /// Exploration at the start of a run.
     pub fn new(schedule: Exploration, rng: Rng) -> Self {
         Self { schedule, epsilon: schedule.initial_epsilon(), rng, held: (0, 0) }
     }
@@ -106,7 +100,6 @@ impl EpsilonGreedy {
         Some(action)
     }
 
-    /// Follows the schedule after `env_steps` environment steps of the run.
     pub(crate) fn after_step(&mut self, env_steps: u64) {
         self.epsilon = self.schedule.after_step(self.epsilon, env_steps);
     }
@@ -117,7 +110,6 @@ impl EpsilonGreedy {
         self.held.1 = 0;
     }
 
-    /// Adds what a resumed run needs.
     pub fn save(&self, tensors: &mut Tensors) {
         tensors.put("epsilon", &[1], &[self.epsilon]);
         tensors.put_rng("explore_rng", &self.rng);

@@ -13,11 +13,6 @@ pub mod td;
 
 use std::any::Any;
 
-use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
-
-use crate::mirror::Mirror;
-use crate::nn::LearningRate;
 use crate::tensors::{TensorError, Tensors};
 
 pub(crate) use dqn::LearnConfig;
@@ -38,7 +33,7 @@ pub(crate) use target::PolicyWeights;
 pub use target::{Period, TargetUpdate};
 
 /// Which agent learns, and its settings. Each is a key of the config.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "agent", rename_all = "snake_case")]
 pub enum AgentConfig {
     Dqn(DqnConfig),
@@ -51,7 +46,7 @@ impl AgentConfig {
         &self,
         observation_size: usize,
         num_actions: usize,
-        mirror: Option<&Mirror>,
+        mirror: Option<&crate::mirror::Mirror>,
         seed: u64,
     ) -> Box<dyn Agent> {
         match self.clone() {
@@ -64,7 +59,7 @@ impl AgentConfig {
         if let Self::Dqn(config) = self { Some(config) } else { None }
     }
 
-    pub fn learning_rate(&self) -> LearningRate {
+    pub fn learning_rate(&self) -> crate::nn::LearningRate {
         match self {
             Self::Dqn(config) => config.optimizer.learning_rate(),
             Self::QTable(config) => config.optimizer,
@@ -89,7 +84,6 @@ pub trait Agent: Any + Send {
     /// The action for an observation, exploration included.
     fn act(&mut self, observation: &[f32]) -> usize;
 
-    /// Remembers what an action brought.
     fn observe(&mut self, transition: Transition<'_>);
 
     /// Learns if that is due after environment step `env_steps`, follows the schedules that count steps, and returns the
@@ -135,11 +129,8 @@ impl dyn Agent {
 /// How far learning is, for progress and metrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Counters {
-    /// Gradient steps.
     pub updates: u64,
-    /// Probability of a random action.
     pub epsilon: f64,
-    /// Step size of the next update.
     pub learning_rate: f64,
 }
 
@@ -157,7 +148,7 @@ pub enum NotFinite {
 }
 
 /// The action with the largest of a sample's Q-values, the first of equals. `q` is (batch, actions).
-pub(crate) fn argmax<T: crate::nn::Float>(q: &DMatrix<T>, sample: usize) -> usize {
+pub(crate) fn argmax<T: crate::nn::Float>(q: &nalgebra::DMatrix<T>, sample: usize) -> usize {
     let mut best = 0;
     for action in 1..q.ncols() {
         if q[(sample, action)] > q[(sample, best)] {

@@ -25,7 +25,6 @@ impl Policy {
         }
     }
 
-    /// Adds the policy, each name with a prefix.
     pub fn save(&self, prefix: &str, tensors: &mut Tensors) {
         match self {
             Self::Network(network) => tensors.put_network(prefix, network),
@@ -41,7 +40,6 @@ impl Policy {
         }
     }
 
-    /// The greedy policy for up to `batch` observations at once.
     pub fn greedy(&self, batch: usize) -> Greedy {
         let batch = match self.clone() {
             Self::Network(network) => {
@@ -121,12 +119,10 @@ impl Greedy {
         Self { reward_scale, ..self }
     }
 
-    /// How many observations fit.
     pub(crate) fn batch(&self) -> usize {
         self.q().nrows()
     }
 
-    /// Computes the Q-values of these observations.
     pub fn forward_batch<'a>(&mut self, observations: impl Iterator<Item = &'a [f32]>) {
         match &mut self.batch {
             BatchedQ::Table(table, q) => table.forward(observations, q),
@@ -162,15 +158,8 @@ impl Actor for Greedy {
 /// The baseline: every action with the same probability.
 #[derive(Clone, Debug)]
 pub(crate) struct Random {
-    num_actions: usize,
-    rng: Rng,
-}
-
-impl Random {
-    /// Uniform over `num_actions` actions.
-    pub fn new(num_actions: usize, rng: Rng) -> Self {
-        Self { num_actions, rng }
-    }
+    pub(crate) num_actions: usize,
+    pub(crate) rng: Rng,
 }
 
 impl Actor for Random {

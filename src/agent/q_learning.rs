@@ -1,15 +1,12 @@
 //! Tabular Q-learning (Watkins 1989, "Learning from delayed rewards"; Sutton and Barto 2018, section 6.5).
 
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::statistics::value_statistics;
 use super::{
     Agent, Counters, EpsilonGreedy, Exploration, NamedNumbers, NotFinite, Played, Policy, Probes, QTable,
     Transition,
 };
 use crate::mirror::Mirror;
-use crate::nn::LearningRate;
 use crate::rng::{Rng, Stream};
 use crate::tensors::{TensorError, Tensors};
 
@@ -17,7 +14,7 @@ use crate::tensors::{TensorError, Tensors};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct QTableConfig {
     pub table: TableConfig,
-    pub optimizer: LearningRate,
+    pub optimizer: crate::nn::LearningRate,
     pub gamma: f64,
     pub exploration: Exploration,
 }
@@ -106,7 +103,6 @@ impl QLearning {
         self.largest_update[0] = self.largest_update[0].max((alpha * self.td_error).abs());
     }
 
-    /// ε and the learning rate after `env_steps` environment steps.
     fn apply_schedules(&mut self, env_steps: u64) {
         self.learning_rate = self.config.optimizer.after(env_steps);
         self.exploration.after_step(env_steps);
@@ -170,7 +166,7 @@ impl Agent for QLearning {
     fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers> {
         let (cells, visited) = self.table.visited_cells();
         let [ordinary, doomed] = [&probes.ordinary, &probes.doomed].map(|observations| {
-            let mut q = DMatrix::zeros(observations.len(), self.table.num_actions());
+            let mut q = nalgebra::DMatrix::zeros(observations.len(), self.table.num_actions());
             self.table.forward(observations.iter().map(Vec::as_slice), &mut q);
             q
         });
@@ -179,7 +175,7 @@ impl Agent for QLearning {
             ("visits_per_cell", self.updates as f64 / visited.max(1) as f64),
             ("largest_update", f64::from(self.largest_update[1])),
         ];
-        let values = value_statistics(&ordinary, &doomed, 1.0, played);
+        let values = super::statistics::value_statistics(&ordinary, &doomed, 1.0, played);
         (self.updates > 0).then(|| NamedNumbers::new(values.into_iter().chain(inside)))
     }
 

@@ -1,19 +1,15 @@
 //! The Q-network of an agent: the network, what an observation is divided by before the network sees it, and how both become
 //! a policy for observations as the environment gives them.
 
-use nalgebra::DMatrix;
-
 use crate::nn::{Activations, Mlp, NetworkConfig};
-use crate::rng::Rng;
 
 /// Q(s, ·) for observations whose coordinates were divided. Its head is the linear output layer of the network, with one
 /// Q-value for each action.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QNetwork {
-    /// From divided observations to Q-values.
     pub mlp: Mlp<f32>,
     /// What each coordinate of an observation is divided by.
-    divisors: Vec<f32>,
+    pub(super) divisors: Vec<f32>,
 }
 
 impl QNetwork {
@@ -23,16 +19,12 @@ impl QNetwork {
         divisors: Option<&[f64]>,
         observation_size: usize,
         num_actions: usize,
-        rng: &mut Rng,
+        rng: &mut crate::rng::Rng,
     ) -> Self {
         let mlp = Mlp::new(config, observation_size, num_actions, rng);
         let ones = || vec![1.0; observation_size];
         let divisors = divisors.map_or_else(ones, |all| all.iter().map(|&divisor| divisor as f32).collect());
         Self { mlp, divisors }
-    }
-
-    pub(super) fn divisors(&self) -> &[f32] {
-        &self.divisors
     }
 
     pub(super) fn divide(&self, observation: &[f32], divided: &mut [f32]) {
@@ -43,20 +35,9 @@ impl QNetwork {
     }
 
     /// The Q-values of divided observations, (batch, features), as the output of `activations`.
-    pub(super) fn forward(&self, observations: &DMatrix<f32>, activations: &mut Activations<f32>) {
+    pub(super) fn forward(&self, observations: &nalgebra::DMatrix<f32>, activations: &mut Activations<f32>) {
         activations.set_input(observations);
         self.mlp.forward(activations);
-    }
-
-    /// The Q-values of one observation as the environment gives it.
-    pub(super) fn forward_one(&self, observation: &[f32], activations: &mut Activations<f32>) {
-        self.divide(observation, activations.input_mut().as_mut_slice());
-        self.mlp.forward(activations);
-    }
-
-    /// The gradient of the loss by every parameter, from the gradient by the Q-values that is in `activations`.
-    pub(super) fn backward(&self, activations: &mut Activations<f32>, gradient: &mut Mlp<f32>) {
-        self.mlp.backward(activations, gradient);
     }
 
     /// θ⁻ ← θ

@@ -24,7 +24,6 @@ pub struct QTable {
 }
 
 impl QTable {
-    /// A table whose values are all `initial`.
     pub fn new(edges: Vec<Vec<f32>>, num_actions: usize, initial: f32) -> Self {
         let size = edges.iter().map(|edges| edges.len() + 1).product::<usize>() * num_actions;
         Self { edges, num_actions, values: vec![initial; size], visits: vec![0; size] }
@@ -52,7 +51,6 @@ impl QTable {
         td_error
     }
 
-    /// The Q-values of all actions.
     pub fn q_values(&self, observation: &[f32]) -> &[f32] {
         &self.values[self.place(observation)..][..self.num_actions]
     }

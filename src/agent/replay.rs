@@ -33,7 +33,6 @@ impl ReplayConfig {
     }
 }
 
-/// How a minibatch is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum UpdateMode {
@@ -43,7 +42,6 @@ pub(crate) enum UpdateMode {
     PerSample,
 }
 
-/// One step of experience.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition<'a> {
     pub observation: &'a [f32],
@@ -75,7 +73,6 @@ pub struct Minibatch {
 }
 
 impl Minibatch {
-    /// Room for `batch_size` transitions.
     pub fn new(batch_size: usize, observation_size: usize) -> Self {
         Self {
             observations: DMatrix::zeros(batch_size, observation_size),
@@ -161,7 +158,7 @@ impl ReplayContents {
     }
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Replay {
     capacity: usize,
     observation_size: usize,
@@ -193,12 +190,8 @@ impl Replay {
             actions: vec![0; slots],
             rewards: vec![0.0; slots],
             ends: vec![EpisodeEnd::Continues; slots],
-            final_slots: Vec::new(),
-            final_observations: Vec::new(),
-            forgotten_finals: 0,
-            oldest: 0,
-            len: 0,
             drawn: vec![0; capacity.div_ceil(64)],
+            ..Self::default()
         }
     }
 
@@ -309,7 +302,6 @@ impl Replay {
         }
     }
 
-    /// Everything in the memory, the oldest first.
     pub fn contents(&self) -> ReplayContents {
         let mut contents = ReplayContents::default();
         for age in 0..self.len {

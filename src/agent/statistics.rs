@@ -13,7 +13,6 @@ pub struct Probes {
     pub doomed: Vec<Vec<f32>>,
 }
 
-/// An episode of the greedy policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Played {
     /// Undiscounted return of as many steps as scores count.
@@ -93,43 +92,36 @@ impl<'de> Deserialize<'de> for NamedNumbers {
     }
 }
 
-/// What a Q-network's statistics are taken from.
-pub(super) struct NetworkStatistics<'a> {
-    pub(super) network: &'a Mlp<f32>,
-    pub(super) reward_scale: f64,
-    /// Share of the transitions in the replay memory that terminated.
-    pub(super) terminal_share: f64,
-    /// Absolute TD errors of some transitions.
-    pub(super) td_errors: Vec<f64>,
-    /// The loss's gradient over the same transitions.
-    pub(super) gradient: &'a Mlp<f32>,
-}
-
 /// Transitions that gradient and TD errors are taken over, if there are as many.
 pub(super) const TRANSITIONS: usize = 256;
 
-impl NetworkStatistics<'_> {
-    pub(super) fn numbers(mut self, probes: &Probes, played: &[Played]) -> NamedNumbers {
-        let scale = self.reward_scale;
-        self.td_errors.sort_by(f64::total_cmp);
-        let quantile = |share: f64| self.td_errors[((self.td_errors.len() - 1) as f64 * share) as usize];
-        let ordinary = forward(self.network, &probes.ordinary);
-        let doomed = forward(self.network, &probes.doomed);
-        let [overestimation, max_q, action_gap, doomed_max_q] =
-            value_statistics(ordinary.output(), doomed.output(), scale, played);
-        NamedNumbers::new([
-            overestimation,
-            ("terminal_share", self.terminal_share),
-            max_q,
-            action_gap,
-            doomed_max_q,
-            ("gradient_norm", norm(self.gradient.parameters())),
-            ("td_error_q10", quantile(0.1)),
-            ("td_error_q50", quantile(0.5)),
-            ("td_error_q90", quantile(0.9)),
-            ("dead_relu_share", dead_share(&[ordinary, doomed])),
-        ])
-    }
+/// What a Q-network has. `td_errors` are the absolute TD errors of some transitions, and `gradient` is the loss's over them.
+pub(super) fn network_statistics(
+    network: &Mlp<f32>,
+    reward_scale: f64,
+    terminal_share: f64,
+    mut td_errors: Vec<f64>,
+    gradient: &Mlp<f32>,
+    probes: &Probes,
+    played: &[Played],
+) -> NamedNumbers {
+    td_errors.sort_by(f64::total_cmp);
+    let quantile = |share: f64| td_errors[((td_errors.len() - 1) as f64 * share) as usize];
+    let [ordinary, doomed] = [&probes.ordinary, &probes.doomed].map(|probes| forward(network, probes));
+    let [overestimation, max_q, action_gap, doomed_max_q] =
+        value_statistics(ordinary.output(), doomed.output(), reward_scale, played);
+    NamedNumbers::new([
+        overestimation,
+        ("terminal_share", terminal_share),
+        max_q,
+        action_gap,
+        doomed_max_q,
+        ("gradient_norm", norm(gradient.parameters())),
+        ("td_error_q10", quantile(0.1)),
+        ("td_error_q50", quantile(0.5)),
+        ("td_error_q90", quantile(0.9)),
+        ("dead_relu_share", dead_share(&[ordinary, doomed])),
+    ])
 }
 
 /// What every table of Q-values has, as an agent stores it or a network computes it: the values of the ordinary and the doomed

@@ -14,7 +14,6 @@ pub enum TargetUpdate {
     None,
 }
 
-/// When the online network is copied.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Period {

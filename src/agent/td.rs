@@ -2,7 +2,6 @@
 
 use nalgebra::DMatrix;
 
-use super::argmax;
 use crate::nn::{Float, Loss};
 
 /// Deep Q-learning's targets (Mnih et al. 2015, algorithm 1): y = r + γ max_a Q(s′, a), and y = r where s′ is
@@ -36,7 +35,7 @@ pub fn double_targets<T: Float>(
     targets: &mut [T],
 ) {
     for (sample, target) in targets.iter_mut().enumerate() {
-        *target = next_q_target[(sample, argmax(next_q_online, sample))];
+        *target = next_q_target[(sample, super::argmax(next_q_online, sample))];
     }
     bootstrap(discounts, rewards, terminated, targets);
 }

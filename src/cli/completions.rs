@@ -3,7 +3,6 @@
 //! The scripts for bash, zsh and fish ask the hidden command `__words` what may follow. It reads the answer off
 //! the definitions of the commands, so that the three shells offer the same and nothing is listed twice in the code.
 
-use std::ffi::OsString;
 use std::fs;
 
 use clap::builder::PossibleValue;
@@ -44,7 +43,7 @@ pub(super) fn run(arguments: &CompletionsArguments, mut root: Command) -> Result
 pub(super) struct Words {
     /// The words after the name of the program, up to the cursor; the last may be empty
     #[arg(last = true)]
-    words: Vec<OsString>,
+    words: Vec<std::ffi::OsString>,
 }
 
 /// A line for each candidate: the word, a tab, what it means. The line `:files` or `:directories` asks the shell for

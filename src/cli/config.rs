@@ -2,7 +2,6 @@
 
 use clap::{Args, Subcommand};
 
-use super::layers::Layers;
 use super::ui::{Failure, print, print_json};
 use crate::config::{Config, SHIPPED, Setting, schema};
 
@@ -32,7 +31,7 @@ To change more than a few keys: cartpole-dqn config show --config tutorial --jso
 #[command(after_help = "Example: cartpole-dqn config show --config tutorial --set gamma=0.99")]
 struct Show {
     #[command(flatten)]
-    layers: Layers,
+    layers: super::layers::Layers,
     /// Print the config as JSON, and nothing else, on standard output; the output is a valid --config
     #[arg(long)]
     json: bool,

@@ -2,22 +2,16 @@
 
 use std::io::{self, Write};
 use std::path::PathBuf;
-use std::sync::Arc;
 
-use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde_json::json;
 
 use super::output::{Output, WriteError};
-use super::permission::AllowCommand;
 use super::policy::{DEFAULT_ENVIRONMENT, LocatedPolicy, PolicyArguments};
 use super::ui::{Failure, print, print_json};
 use crate::agent::{Actor, Played, Random};
 use crate::config::EnvironmentConfig;
 use crate::env::{Make, Outcome, Spec};
-use crate::rng::Rng;
-use crate::run::{SavedPolicy, final_evaluation};
-use crate::text::{shown, visible};
 use crate::trainer::{Evaluation, SCORE_SEED, Score, evaluate, play};
 
 const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
@@ -26,13 +20,13 @@ const TRACE_START: &[u8] = b"{\"episode\":0,\"seed\":";
 ///
 /// Plays 100 episodes with the greedy policy and prints statistics of their returns. Episode i starts as Gymnasium's
 /// environment does after reset(seed = SEED + i), so every score can be repeated there.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn eval runs/my-run --episodes 100 --min-mean 475")]
 pub(super) struct EvalArguments {
     #[command(flatten)]
     place: PolicyArguments,
     #[command(flatten)]
-    allow: AllowCommand,
+    allow: super::permission::AllowCommand,
     /// Play a policy that needs no checkpoint
     #[arg(long, conflicts_with_all = ["path", "checkpoint"])]
     policy: Option<Baseline>,
@@ -63,7 +57,7 @@ pub(super) struct EvalArguments {
     quiet: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Baseline {
     /// Every action with the same probability
     Random,
@@ -122,9 +116,9 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
         Some(Baseline::Random) => {
             let environment = arguments.place.environment.unwrap_or(DEFAULT_ENVIRONMENT);
             let task = Task::new(&EnvironmentConfig::Named(environment), &arguments)?;
-            let mut policy = Random::new(task.spec.num_actions, Rng::from_seed(seed));
+            let (num_actions, rng) = (task.spec.num_actions, crate::rng::Rng::from_seed(seed));
             let origin = Origin { kind: "random", ..Origin::default() };
-            let played = task.play_all(&mut policy, trace.as_ref())?;
+            let played = task.play_all(&mut Random { num_actions, rng }, trace.as_ref())?;
             (origin, task, played)
         }
         None => {
@@ -169,7 +163,7 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
 }
 
 impl Origin {
-    fn new(found: &LocatedPolicy, policy: &SavedPolicy) -> Self {
+    fn new(found: &LocatedPolicy, policy: &crate::run::SavedPolicy) -> Self {
         let played = Self {
             kind: "other",
             file: Some(found.file.to_string_lossy().into_owned()),
@@ -179,7 +173,7 @@ impl Origin {
         let Some(header) = &policy.header else { return played };
         let (kind, env_steps) = (if header.progress.is_some() { "last" } else { "best" }, header.env_steps);
         // A checkpoint does not know of an evaluation that only the end of the run brought.
-        let end = final_evaluation(&found.file);
+        let end = crate::run::final_evaluation(&found.file);
         let at_end =
             end.as_ref().map(|(end, _)| *end).filter(|end| kind == "last" && end.env_steps == env_steps);
         Self {
@@ -205,13 +199,13 @@ impl Origin {
             None => format!("policy         {}\n", self.kind),
         };
         if let Some(file) = &self.file {
-            text += &format!("file           {}\n", visible(file));
+            text += &format!("file           {}\n", crate::text::visible(file));
         }
         if let Some((end, file)) = &self.end {
             let (mean, step) = (end.mean, end.env_steps);
             text += &format!(
                 "not played     last of its run, step {step}, evaluated in training: {mean:.2}\n               {}\n",
-                shown(file)
+                crate::text::shown(file)
             );
         }
         text
@@ -221,7 +215,7 @@ impl Origin {
 /// What is played: an environment under the time limit of --max-steps.
 struct Task<'a> {
     arguments: &'a EvalArguments,
-    make: Arc<Make>,
+    make: std::sync::Arc<Make>,
     spec: Spec,
     max_steps: u32,
 }

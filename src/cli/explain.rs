@@ -1,15 +1,9 @@
 //! `cartpole-dqn explain`
 
-use std::path::PathBuf;
-
-use clap::Args;
 use nalgebra::DMatrix;
 
-use super::layers::Layers;
 use super::output::Output;
-use super::permission::ask_task;
 use super::ui::{Failure, print};
-use crate::check::START;
 use crate::explain::{ExplainError, ExplainedUpdate, explain};
 use crate::nn::{Activations, Loss, Mlp, norm};
 
@@ -19,12 +13,12 @@ const SHOWN: usize = 3;
 ///
 /// Trains to that update and prints what it is made of: the transitions, their Q-values, every TD target with its numbers
 /// filled in, the loss, the gradient, Adam's step, and the Q-values after it. Writes no run.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn explain --config tutorial --update 40
          cartpole-dqn explain --update 1000 --out update.safetensors")]
 pub(super) struct ExplainArguments {
     #[command(flatten)]
-    layers: Layers,
+    layers: super::layers::Layers,
     /// Number of the update, a step of Adam; the first is 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     update: u64,
@@ -33,7 +27,7 @@ pub(super) struct ExplainArguments {
     all: bool,
     /// Also write the update to a file that `check` reads, as could your own program; `-`: to standard output alone
     #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    out: Option<std::path::PathBuf>,
 }
 
 impl From<ExplainError> for Failure {
@@ -49,8 +43,8 @@ impl From<ExplainError> for Failure {
 
 pub(super) fn run(arguments: &ExplainArguments) -> Result<(), Failure> {
     let mut config = arguments.layers.resolve()?;
-    ask_task(&mut config, false)?;
-    let is_own = |start: &[u8]| start.get(8..).is_some_and(|start| start.starts_with(START));
+    super::permission::ask_task(&mut config, false)?;
+    let is_own = |start: &[u8]| start.get(8..).is_some_and(|start| start.starts_with(crate::check::START));
     let output = |path| Output { option: "--out", path, what: "an update", is_own };
     let output = arguments.out.as_deref().map(output);
     output.as_ref().map_or(Ok(()), Output::check)?;

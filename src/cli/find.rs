@@ -1,9 +1,6 @@
 //! Finding runs below a directory.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
 use super::ui::{Failure, program};
 use crate::run::names::{BEST, LAST};
@@ -16,7 +13,7 @@ const DEPTH: usize = 5;
 #[derive(Default)]
 pub(super) struct FoundRuns {
     pub(super) runs: Vec<PathBuf>,
-    pub(super) unreadable: Vec<(PathBuf, io::Error)>,
+    pub(super) unreadable: Vec<(PathBuf, std::io::Error)>,
 }
 
 pub(super) fn newest_with_policy(directory: &Path) -> Result<PathBuf, Failure> {
@@ -58,7 +55,7 @@ pub(super) fn find(directory: &Path) -> Result<FoundRuns, Failure> {
 fn search(directory: &Path, depth: usize, found: &mut FoundRuns) {
     let mut inner = Vec::new();
     let mut parts = 0;
-    let entries = fs::read_dir(directory).and_then(|entries| {
+    let entries = std::fs::read_dir(directory).and_then(|entries| {
         for entry in entries {
             let entry = entry?;
             let is_part = RunDir::PARTS.iter().any(|part| entry.file_name() == *part);
@@ -83,7 +80,7 @@ fn search(directory: &Path, depth: usize, found: &mut FoundRuns) {
 }
 
 /// When the run last wrote one of its own files; a report in the same directory is none of them.
-pub(super) fn written_at(run: &Path) -> Option<SystemTime> {
+pub(super) fn written_at(run: &Path) -> Option<std::time::SystemTime> {
     let [config, metrics, summary, checkpoints] = RunDir::PARTS.map(|part| run.join(part));
     let files = [config, metrics, summary, checkpoints.join(BEST), checkpoints.join(LAST)];
     files.iter().filter_map(|file| file.symlink_metadata().ok()?.modified().ok()).max()

@@ -6,7 +6,6 @@ use serde_json::Value;
 
 use super::ui::program;
 use crate::config::meanings;
-use crate::text::shell_word;
 
 const PLACEHOLDER: &str = "VALUE";
 
@@ -45,7 +44,7 @@ pub(super) fn key_for_option(error: &clap::Error, root: &Command, arguments: &[S
 }
 
 fn joined(words: &[String]) -> String {
-    words.iter().map(|word| shell_word(word)).collect::<Vec<_>>().join(" ")
+    words.iter().map(|word| crate::text::shell_word(word)).collect::<Vec<_>>().join(" ")
 }
 
 /// A command line with `--set` in place of every option that is a setting; these options, and what they could mean besides.

@@ -1,10 +1,6 @@
 //! `cartpole-dqn inspect`
 
-use clap::Args;
-
-use super::policy::PolicyArguments;
 use super::ui::{Failure, print};
-use crate::agent::Policy;
 use crate::env::Spec;
 use crate::run::{
     Checkpoint, CheckpointError, CheckpointProblem, Header, config_of_checkpoint, final_evaluation,
@@ -13,11 +9,11 @@ use crate::text::{shown, visible};
 use crate::trainer::Evaluation;
 
 /// Print what is in a checkpoint: of which step it is, how it was evaluated, its policy and the hash of its weights.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn inspect runs/my-run/checkpoints/last.safetensors")]
 pub(super) struct InspectArguments {
     #[command(flatten)]
-    place: PolicyArguments,
+    place: super::policy::PolicyArguments,
     /// Print every tensor and the run's config too
     #[arg(long)]
     all: bool,
@@ -81,7 +77,7 @@ evaluation  {evaluation}
     )
 }
 
-fn describe_policy(checkpoint: &Checkpoint, policy: &Policy) -> String {
+fn describe_policy(checkpoint: &Checkpoint, policy: &crate::agent::Policy) -> String {
     let (shape, hash) = (policy.shape(), policy.sha256());
     let text = format!(
         "policy      {shape}\nweights     sha256 of the policy, which eval plays:\n            {hash}\n"

@@ -1,18 +1,14 @@
 //! What a config is made of on the command line.
 
-use std::io;
 use std::path::{Path, PathBuf};
-
-use clap::Args;
 
 use super::ui::Failure;
 use crate::config::{self, Config};
-use crate::text::shown;
 
 pub(super) const DEFAULT_NAME: &str = "cartpole";
 
 /// What a config is made of.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 pub(super) struct Layers {
     /// Settings of the run: a name that `config list` prints, a JSON file, or `-` for standard input [default: cartpole]
     #[arg(long, value_name = "NAME|FILE")]
@@ -35,10 +31,10 @@ pub(super) fn read_config(path: &Path) -> Result<(String, String), Failure> {
         return Ok((name.into(), text.into()));
     }
     if path.as_os_str() != "-" {
-        return Ok((shown(path), config::read_file(path)?));
+        return Ok((crate::text::shown(path), config::read_file(path)?));
     }
     let name = "standard input";
-    let text = config::read(io::stdin().lock())
+    let text = config::read(std::io::stdin().lock())
         .map_err(|source| config::ConfigError::Read { path: name.into(), source })?;
     Ok((name.into(), text))
 }

@@ -27,7 +27,6 @@ mod watch;
 #[cfg(feature = "web")]
 mod web;
 
-use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -137,7 +136,7 @@ fn with_tip(mut error: clap::Error, arguments: &[String]) -> clap::Error {
     let is_unknown = error.kind() == ErrorKind::UnknownArgument;
     if flags::has_option(command, "set") && is_unknown && error.get(ContextKind::SuggestedArg).is_none() {
         let is_directory = matches!(error.get(ContextKind::InvalidArg),
-            Some(ContextValue::String(argument)) if Path::new(argument).is_dir());
+            Some(ContextValue::String(argument)) if std::path::Path::new(argument).is_dir());
         let tip = match is_directory && flags::has_option(command, "resume") {
             true => "a new run is written to --out DIR; `train --resume DIR` resumes a run",
             false => "a config is given as --config NAME or --config FILE, a key of it as --set KEY=VALUE",

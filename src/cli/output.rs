@@ -3,11 +3,7 @@
 use std::io::{self, BufWriter, Read, Write};
 use std::path::Path;
 
-use super::policy::STANDARD;
 use super::ui::Failure;
-use crate::env::EnvironmentError;
-use crate::files::{open_ordinary, write_whole};
-use crate::text::shown;
 
 const START: u64 = 512;
 
@@ -16,7 +12,7 @@ pub(super) enum WriteError {
     #[error(transparent)]
     Io(#[from] io::Error),
     #[error(transparent)]
-    Environment(#[from] EnvironmentError),
+    Environment(#[from] crate::env::EnvironmentError),
     #[error("the program draws nothing: it answered `render` with `no frame`")]
     NoFrame,
 }
@@ -41,7 +37,7 @@ pub(super) struct Output<'a> {
 
 impl Output<'_> {
     pub(super) fn is_standard(&self) -> bool {
-        self.path == Path::new(STANDARD)
+        self.path == Path::new(super::policy::STANDARD)
     }
 
     /// Refuses a directory, and a file that is not empty and holds something else, which would be lost. Nothing is touched.
@@ -72,7 +68,7 @@ impl Output<'_> {
             let mut stdout = BufWriter::new(io::stdout().lock());
             write(&mut stdout).and_then(|()| Ok(stdout.flush()?))
         } else {
-            write_whole(self.path, write)
+            crate::files::write_whole(self.path, write)
         };
         match written.map_err(Into::into) {
             Err(WriteError::Io(error)) if self.is_standard() && error.kind() == io::ErrorKind::BrokenPipe => {
@@ -84,12 +80,12 @@ impl Output<'_> {
     }
 
     pub(super) fn message(&self, problem: &str) -> String {
-        format!("cannot write {} {}: {problem}", self.option, shown(self.path))
+        format!("cannot write {} {}: {problem}", self.option, crate::text::shown(self.path))
     }
 }
 
 fn start_of(path: &Path) -> io::Result<Vec<u8>> {
     let mut start = Vec::new();
-    open_ordinary(path)?.take(START).read_to_end(&mut start)?;
+    crate::files::open_ordinary(path)?.take(START).read_to_end(&mut start)?;
     Ok(start)
 }

@@ -2,13 +2,11 @@
 
 use std::io::{self, IsTerminal, Write};
 
-use clap::Args;
-
 use super::ui::{Failure, QUESTION, escaped, note};
 use crate::config::{Config, EnvironmentConfig};
 
 /// The user's word for a command that stands in a file.
-#[derive(Clone, Copy, Debug, Args)]
+#[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct AllowCommand {
     /// Start the program that the run, checkpoint or study names as its environment, if it does; the command is printed first
     #[arg(long)]

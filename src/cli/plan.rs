@@ -1,13 +1,10 @@
 //! `study --plan` and `study DIR --status`: what there is to do, and what is done of it.
 
-use std::panic::resume_unwind;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use super::ui::{Failure, note, program};
-use crate::report;
 use crate::study::{Cause, Finished, Omitted, StudyDir, Unended};
 use crate::text::{labels, legend, shell_word, table, visible};
 
@@ -21,7 +18,7 @@ const SHARD_SECONDS: f64 = 3600.0;
 const MAX_SHARDS: f64 = 1000.0;
 
 /// What a study costs, and how it is given to the engines of a cluster. Times its first trial, until `stop` is set.
-pub(super) fn estimate(dir: &StudyDir, path: &Path, stop: &AtomicBool) -> Result<String, Failure> {
+pub(super) fn estimate(dir: &StudyDir, path: &std::path::Path, stop: &AtomicBool) -> Result<String, Failure> {
     let total = dir.study.total();
     let (seconds, is_whole) = time_first_trial(dir, stop)?;
     let core_seconds = seconds * total as f64;
@@ -56,7 +53,7 @@ fn time_first_trial(dir: &StudyDir, stop: &AtomicBool) -> Result<(f64, bool), Fa
             thread::sleep(POLL_INTERVAL);
         }
         end_early.store(true, Ordering::Relaxed);
-        trial.join().unwrap_or_else(|panic| resume_unwind(panic))
+        trial.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     });
     match trial {
         Err(ended @ Unended { cause: Cause::Failed(_), .. }) => Err(Failure::Disturbed(ended.to_string())),
@@ -86,5 +83,5 @@ pub(super) fn status(dir: &StudyDir) -> Result<String, Failure> {
     let all = counts.iter().fold((0, 0), |all, count| (all.0 + count.0, all.1 + count.1));
     rows.push(row(String::new(), "all", all, study.total()));
     let names = legend(labels.iter().map(String::as_str).zip(names));
-    Ok(names + &table(&rows) + &report::describe_last_tries(last_tries))
+    Ok(names + &table(&rows) + &crate::report::describe_last_tries(last_tries))
 }

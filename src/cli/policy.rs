@@ -3,10 +3,8 @@
 use std::io::{self, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
-use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-use super::find::{RUNS, newest_with_policy};
 use super::permission::AllowCommand;
 use super::ui::{Failure, note};
 use crate::config::EnvironmentConfig;
@@ -34,7 +32,7 @@ pub(super) fn standard_input(example: &str) -> Result<io::StdinLock<'static>, Fa
 pub(super) const DEFAULT_ENVIRONMENT: EnvironmentId = EnvironmentId::CartPoleV1;
 
 /// Where a command finds its policy.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 pub(super) struct PolicyArguments {
     /// A run (its best policy, else its last), a checkpoint, or a safetensors file of a torch.nn.Sequential; "-" is
     /// standard input [default: the newest run below runs/]
@@ -78,7 +76,7 @@ impl PolicyArguments {
                 };
             }
             Some(place) => place.clone(),
-            None => newest_with_policy(Path::new(RUNS))?,
+            None => super::find::newest_with_policy(Path::new(super::find::RUNS))?,
         };
         if typed.is_none() && !quiet {
             note(&format!("no path is given, so this is the newest run: {}", shown(&place)));

@@ -6,12 +6,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::output::{Output, WriteError};
-use super::permission::AllowCommand;
 use super::policy::{PolicyArguments, STANDARD};
 use super::ui::{Failure, note, print};
 use crate::draw::{Film, is_film, is_gif, is_svg, svg, write_gif};
 use crate::env::Environment;
-use crate::env::scene::Scene;
 use crate::run::SavedPolicy;
 use crate::text::shown;
 use crate::trainer::{Frame, SCORE_SEED, play, record};
@@ -27,7 +25,7 @@ pub(super) struct RenderArguments {
     #[command(flatten)]
     place: PolicyArguments,
     #[command(flatten)]
-    allow: AllowCommand,
+    allow: super::permission::AllowCommand,
     /// File to write: .gif, or .svg, which is smaller and plays in browsers; "-" is standard output
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
@@ -148,7 +146,7 @@ fn format(arguments: &RenderArguments) -> Result<Format, Failure> {
     })
 }
 
-fn scenes(frames: impl Iterator<Item = Frame>, id: &str) -> Result<Vec<Scene>, Failure> {
+fn scenes(frames: impl Iterator<Item = Frame>, id: &str) -> Result<Vec<crate::env::scene::Scene>, Failure> {
     let scenes: Option<Vec<_>> = frames.map(|frame| frame.scene).collect();
     let problem = || format!("{id} has no picture to draw; `eval --trace` writes the states of an episode");
     scenes.ok_or_else(|| Failure::BadInput(problem()))

@@ -2,11 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
-
 use super::output::Output;
 use super::ui::{Failure, cannot_write, note, on_one_line, print, print_json};
-use crate::files::{Directory, create_directories};
 use crate::report::{self, Report, ReportError};
 use crate::run::names::REPORT;
 use crate::text::{shown, wrapped};
@@ -14,7 +11,7 @@ use crate::text::{shown, wrapped};
 /// Summarise a study or a run: what happened, and how good the result is.
 ///
 /// Prints tables and writes report.json, evaluations.csv and plots (SVG); with --html one page with everything instead.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn report studies/gamma
          cartpole-dqn report runs/one runs/other --html runs.html")]
 pub(super) struct ReportArguments {
@@ -65,7 +62,7 @@ pub(super) fn run(arguments: &ReportArguments) -> Result<(), Failure> {
         print(&report.text)?
     }
     let hint = "; choose another --out";
-    let directory = create_directories(out).and_then(|_| Directory::open(out));
+    let directory = crate::files::create_directories(out).and_then(|_| crate::files::Directory::open(out));
     let directory = directory.map_err(|error| cannot_write(out, &error, hint))?;
     let json = out.join(REPORT);
     directory.write_json(&json, &report.json).map_err(|error| cannot_write(&json, &error, hint))?;

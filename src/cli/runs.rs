@@ -6,20 +6,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use clap::Args;
-use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::find::{RUNS, find, written_at};
 use super::ui::{Failure, note, print, print_json};
-use crate::config::Config;
-use crate::files::open_shared;
 use crate::run::names::{LAST, PREVIOUS};
-use crate::run::{RunDir, read_events};
 use crate::text::{COLUMNS, legend, lines, shortened, shown, table, visible};
 use crate::trainer::{Evaluation, Event};
 
-/// Spaces before the keys that differ.
 const INDENT: usize = 4;
 /// Largest width of each column of the table; the run's name takes the rest.
 const WIDTHS: [usize; 8] = [16, usize::MAX, 10, 6, 7, 6, 6, 7];
@@ -30,7 +24,7 @@ const WIDTHS: [usize; 8] = [16, usize::MAX, 10, 6, 7, 6, 6, 7];
 /// of equals, and `final` the latest. `config` is what the config file was called, and ? where the run does not know. The line below
 /// a run has the keys that differ from the default, apart from seed and budget. A run that failed diverged: to train it again would
 /// end the same way.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn runs
          cartpole-dqn runs studies --json")]
 pub(super) struct Arguments {
@@ -42,7 +36,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-#[derive(Default, Serialize)]
+#[derive(Default, serde::Serialize)]
 struct ListedRun {
     path: String,
     /// `running`: a process trains it; `stopped`: it can be resumed; `failed`: it has diverged, and would again; `ended`; `damaged`.
@@ -94,12 +88,12 @@ impl ListedRun {
 
     /// Reads all but the path and when it was written; the error is why the run is damaged.
     fn read_files(&mut self, path: &Path) -> Result<(), String> {
-        let (directory, config) = RunDir::open(path).map_err(|error| error.to_string())?;
+        let (directory, config) = crate::run::RunDir::open(path).map_err(|error| error.to_string())?;
         let about = directory.read_about();
         (self.seed, self.changed) = (Some(config.seed), changed_keys(&config));
         self.config = about.as_ref().map(|about| about.config.clone());
         let (metrics, mut has_ended) = (directory.metrics(), false);
-        let read = read_events(&metrics, |event| {
+        let read = crate::run::read_events(&metrics, |event| {
             has_ended = matches!(event, Event::End { .. });
             self.take(&event);
         });
@@ -155,10 +149,10 @@ impl ListedRun {
 /// Whether another process trains the run of this metrics file. The question takes a shared lock for a moment, which is why
 /// `train` tries several times to get its own.
 fn is_locked(metrics: &Path) -> bool {
-    open_shared(metrics).is_err_and(|error| error.kind() == io::ErrorKind::WouldBlock)
+    crate::files::open_shared(metrics).is_err_and(|error| error.kind() == io::ErrorKind::WouldBlock)
 }
 
-fn changed_keys(config: &Config) -> BTreeMap<&'static str, Value> {
+fn changed_keys(config: &crate::config::Config) -> BTreeMap<&'static str, Value> {
     let is_own = |path: &str| path == "seed" || path.starts_with("budget") || path == "$schema";
     let changed = config.settings().into_iter().filter(|setting| setting.value != setting.default);
     changed.filter(|setting| !is_own(setting.path)).map(|setting| (setting.path, setting.value)).collect()

@@ -1,14 +1,12 @@
 //! Ctrl-C and its kin: the first stops a run at its next step, the second ends the process at once. Where a view is open
 //! it is the view that ends the process, after it has given the terminal back.
 
-use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use super::ui::Failure;
-use crate::files::remove_own_unfinished;
 use crate::os::{INTERRUPTED, TERMINATED, signals};
 use crate::view::Interrupts;
 
@@ -29,7 +27,7 @@ pub(super) struct Signals {
 }
 
 /// Takes the signals from now on. One that ends the process removes the files that it has not finished.
-pub(super) fn watch() -> io::Result<()> {
+pub(super) fn watch() -> std::io::Result<()> {
     signals::watch(|exit_code| match LISTENER.get() {
         Some(listener) if !listener.interrupts.at_once.load(Ordering::Relaxed) => {
             listener.exit_code.store(exit_code, Ordering::Relaxed);
@@ -54,7 +52,7 @@ pub(super) fn asked() -> Option<u8> {
 }
 
 fn end(exit_code: u8) {
-    let _no_more = remove_own_unfinished();
+    let _no_more = crate::files::remove_own_unfinished();
     signals::exit(exit_code.into());
 }
 

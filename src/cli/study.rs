@@ -1,14 +1,9 @@
 //! `cartpole-dqn study`
 
-use std::collections::{BTreeSet, HashSet};
-use std::num::NonZero;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
-use std::thread;
 use std::time::{Duration, Instant};
 
-use clap::Args;
 use indicatif::ProgressBar;
 
 use super::permission::{AllowCommand, SharedPrograms};
@@ -34,7 +29,7 @@ use crate::text::{shell_word, shown, visible, wrapped};
 /// other trials go on, and the same command resumes it.
 ///
 /// The exit code is 1 if a trial failed or has no result, and 130 or 143 if a signal or --time-limit left trials to do.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example: cartpole-dqn study --vary gamma=0.95,0.99 --set stop_when_lasting_steps=null \
         --seeds 0..100 --out studies/gamma\nThen:    cartpole-dqn report studies/gamma"
@@ -108,7 +103,7 @@ impl StudyArguments {
     }
 
     fn jobs(&self) -> usize {
-        let cpus = || thread::available_parallelism().map_or(1, NonZero::get);
+        let cpus = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         self.jobs.map_or_else(cpus, |jobs| jobs as usize)
     }
 
@@ -186,7 +181,7 @@ fn train_trials(arguments: &StudyArguments, shard: Option<Shard>) -> Result<(), 
 
 fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Counts, Failure> {
     let study = &dir.study;
-    let (mut finished, mut counts) = (HashSet::new(), Counts::default());
+    let (mut finished, mut counts) = (std::collections::HashSet::new(), Counts::default());
     let Omitted { notes, .. } = dir.read(|Finished { config, trial }| {
         if study.is_in(shard, (config, trial.seed)) {
             finished.insert((config, trial.seed));
@@ -198,7 +193,7 @@ fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Cou
     let pending: Vec<_> = study.trials(shard).filter(|trial| !finished.contains(trial)).collect();
     counts.done = finished.len() as u64;
     counts.total = counts.done + pending.len() as u64;
-    let configs: BTreeSet<usize> = pending.iter().map(|(config, _)| *config).collect();
+    let configs: std::collections::BTreeSet<usize> = pending.iter().map(|(config, _)| *config).collect();
     configs.iter().for_each(|&config| start_program(&study.configs[config]));
     let signals = Signals::listen(false);
     arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
@@ -210,7 +205,7 @@ fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Cou
     dir.tidy()?;
     match progress.counts.left() {
         None => Ok(progress.counts),
-        Some(left) if signals.stop.load(Ordering::Relaxed) => {
+        Some(left) if signals.stop.load(std::sync::atomic::Ordering::Relaxed) => {
             Err(Failure::Interrupted(format!("stopped: {left}"), signals.exit_code()))
         }
         Some(left) => Err(Failure::Disturbed(left)),

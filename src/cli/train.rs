@@ -1,17 +1,13 @@
 //! `cartpole-dqn train`
 
 use std::path::{Path, PathBuf};
-use std::time::{Instant, SystemTime};
 
-use clap::Args;
 use serde_json::json;
 
-use super::layers::Layers;
 use super::permission::{AllowCommand, allowance, ask_task};
 use super::signals::{self, Signals};
 use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say};
 use crate::config::Config;
-use crate::env::Spec;
 use crate::run::{EndedRun, Recorder, Resumed, RunDir, RunRecord, Started, read_summary, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::{shell_word, shown};
@@ -25,11 +21,11 @@ use crate::view::{Live, Pace, check_terminal};
 /// The progress shows two mean returns: `train` is the mean of the last 100 training episodes, `eval` that of the latest
 /// evaluation. Then come ε (the probability of a random action) and the loss of the last episode. --live shows more. Press q
 /// to leave that view: while the run is training, q also stops the run with a checkpoint.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn train --config tutorial --seed 7 --set gamma=0.99")]
 pub(super) struct TrainArguments {
     #[command(flatten)]
-    layers: Layers,
+    layers: super::layers::Layers,
     /// Directory to write the run to [default: runs/<config name>-s<seed>-<UTC time>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -94,7 +90,7 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
         signals.tell_if_slow();
     }
     let mut observers = observers(&arguments, &run, &config, recorder, &trainer, &signals)?;
-    let start = Instant::now();
+    let start = std::time::Instant::now();
     let result = trainer.run(&mut observers, &signals.stop);
     let seconds = start.elapsed().as_secs_f64();
     let error = match result {
@@ -212,7 +208,7 @@ fn start_new(arguments: &TrainArguments) -> Result<Started, Failure> {
     ask_task(&mut config, arguments.live)?;
     config.check_memory(1).map_err(Failure::BadInput)?;
     let default_out = || {
-        let time = humantime::format_rfc3339_millis(SystemTime::now()).to_string();
+        let time = humantime::format_rfc3339_millis(std::time::SystemTime::now()).to_string();
         let time = time.replace(['-', ':', '.'], "");
         Path::new("runs").join(format!("{}-s{}-{time}", layers.name(), config.seed))
     };
@@ -297,7 +293,7 @@ Next: play the best policy on new episodes, watch it, draw the learning curve.
     )
 }
 
-fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &Spec) -> String {
+fn evaluated(Evaluation { mean, env_steps }: Evaluation, task: &crate::env::Spec) -> String {
     let verdict = |threshold| if mean >= threshold { ": solved" } else { ": not solved" };
     let solved = task.solved_return.map_or("", verdict);
     format!("mean return {mean:.1} in the evaluation at step {env_steps}{solved}")

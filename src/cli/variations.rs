@@ -1,13 +1,10 @@
 //! The configs of a study: every `--config` in every variation of `--vary`.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use clap::Args;
 use serde_json::{Value, json};
 
 use super::layers::{DEFAULT_NAME, config_name, read_config};
-use super::permission::{SharedPrograms, allow};
 use super::ui::Failure;
 use crate::config::{Config, ConfigError};
 use crate::study::NamedConfig;
@@ -17,7 +14,7 @@ use crate::text::visible;
 const MAX_CONFIGS: usize = 10_000;
 
 /// What the configs of a study are made of.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 pub(super) struct Variations {
     /// Settings: a name that `config list` prints, a JSON file, or `-` for standard input; may be repeated [default: cartpole]
     #[arg(long, value_name = "NAME|FILE")]
@@ -51,7 +48,7 @@ fn variation(text: &str) -> Result<Variation, String> {
         Err("the seeds of a study are given by --seeds".into())
     } else if values.iter().any(String::is_empty) || values.is_empty() {
         Err("a value is missing".into())
-    } else if values.iter().collect::<BTreeSet<_>>().len() < values.len() {
+    } else if values.iter().collect::<std::collections::BTreeSet<_>>().len() < values.len() {
         Err("a value is given twice; remove one".into())
     } else {
         Ok(Variation { key: key.into(), values })
@@ -80,9 +77,9 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
     }
     let variations = combinations(&arguments.vary, MAX_CONFIGS / sources.len())?;
     let mut configs: Vec<NamedConfig> = Vec::new();
-    let mut programs = SharedPrograms::default();
+    let mut programs = super::permission::SharedPrograms::default();
     for (stem, origin, text) in &sources {
-        let mut seen = BTreeMap::new();
+        let mut seen = std::collections::BTreeMap::new();
         for variation in &variations {
             let varied = variation.join(" ");
             let name = if varied.is_empty() { stem.clone() } else { format!("{stem} {varied}") };
@@ -104,7 +101,7 @@ pub(super) fn configs(arguments: &Variations) -> Result<Vec<NamedConfig>, Failur
                 return bad(format!("--config {origin}: two configs are called {stem:?}; rename a file"));
             }
             programs.share(&mut config.environment, |program| {
-                allow(program, false);
+                super::permission::allow(program, false);
                 Ok::<_, Failure>(())
             })?;
             config.ask_task()?;

@@ -1,18 +1,12 @@
 //! `cartpole-dqn verify`
 
-use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use clap::Args;
-
-use super::permission::AllowCommand;
 use super::signals::Signals;
 use super::ui::{Failure, print};
-use crate::files::temporary_directory;
 use crate::run::{
     Extent, RunDir, RunRecord, compare_files, compare_summaries, first_step, load, read_summary, start_again,
 };
-use crate::sink::Console;
 use crate::text::shown;
 use crate::trainer::{EndReason, Fanout, Observer, Trainer};
 
@@ -21,14 +15,14 @@ use crate::trainer::{EndReason, Fanout, Observer, Trainer};
 /// Trains again with the config that is recorded in the run directory, and compares metrics, checkpoints and summary. Only
 /// the training time and the machine may differ. A run that has not ended is compared up to its last checkpoint. The exit
 /// code is 0 if every byte agrees, and 1 if not.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn verify runs/my-run")]
 pub(super) struct VerifyArguments {
     /// The run directory; nothing in it is changed
     #[arg(value_name = "RUN_DIR")]
-    run: PathBuf,
+    run: std::path::PathBuf,
     #[command(flatten)]
-    allow: AllowCommand,
+    allow: super::permission::AllowCommand,
     /// Show no progress, and print nothing if every byte agrees
     #[arg(long)]
     quiet: bool,
@@ -55,7 +49,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         )));
     }
     config.check_memory(1).map_err(Failure::BadInput)?;
-    let directory = temporary_directory().map_err(|error| {
+    let directory = crate::files::temporary_directory().map_err(|error| {
         let place = shown(&std::env::temp_dir());
         let message = format!(
             "cannot verify: the run is trained again in the temporary directory {place}, which cannot be written: {error}; \
@@ -69,7 +63,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     let mut observers = Fanout::default();
     observers.0.push(Box::new(recorder));
     if !arguments.quiet {
-        observers.0.push(Box::new(Console::new(config.budget, 0)));
+        observers.0.push(Box::new(crate::sink::Console::new(config.budget, 0)));
     }
     let reason = train(&mut trainer, &mut observers, &extent, &signals)?;
     drop(observers);

@@ -1,23 +1,16 @@
 //! `cartpole-dqn web`
 
-use std::path::PathBuf;
-
-use clap::Args;
-
-use super::output::Output;
 use super::ui::{Failure, cannot_write, print};
-use crate::files::create_directories;
-use crate::text::shown;
 
 /// Write the page that trains in a browser: one HTML file for a web server, or to be opened as it is.
 ///
 /// The page has the same trainer as this program, compiled to WebAssembly. It needs no network.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(after_help = "Example: cartpole-dqn web --out site")]
 pub(super) struct WebArguments {
     /// Directory that index.html is written to; it is made if it is missing
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    out: std::path::PathBuf,
 }
 
 /// The page that `web/build.sh` has built.
@@ -27,10 +20,10 @@ const TITLE: &[u8] = b"<title>A deep Q-network learns";
 pub(super) fn run(arguments: &WebArguments) -> Result<(), Failure> {
     let path = &arguments.out.join("index.html");
     let is_own = |start: &[u8]| start.windows(TITLE.len()).any(|window| window == TITLE);
-    let output = Output { option: "--out", path, what: "this page", is_own };
+    let output = super::output::Output { option: "--out", path, what: "this page", is_own };
     output.check()?;
-    create_directories(&arguments.out)
+    crate::files::create_directories(&arguments.out)
         .map_err(|error| cannot_write(&arguments.out, &error, "; choose another --out"))?;
     output.write(|file| file.write_all(PAGE))?;
-    print(&format!("written: {}\n", shown(path)))
+    print(&format!("written: {}\n", crate::text::shown(path)))
 }

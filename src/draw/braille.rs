@@ -1,9 +1,6 @@
 //! A scene in the terminal: dots of braille, to scale.
 
-use ratatui::Frame;
-use ratatui::layout::Rect;
 use ratatui::style::Color as Ansi;
-use ratatui::symbols::Marker;
 use ratatui::widgets::Block;
 use ratatui::widgets::canvas::{Canvas, Context, Line, Painter, Shape as Draws};
 
@@ -42,7 +39,7 @@ fn filled(color: Color) -> Ansi {
 }
 
 /// Draws the focus of a scene as large as an area allows, framed by `block`.
-pub fn draw(frame: &mut Frame<'_>, area: Rect, block: Block<'_>, scene: &Scene) {
+pub fn draw(frame: &mut ratatui::Frame<'_>, area: ratatui::layout::Rect, block: Block<'_>, scene: &Scene) {
     let inner = block.inner(area);
     let Bounds { left, right, bottom, top } = scene.focus;
     // A character has 2 × 4 dots, and dots are about square.
@@ -55,7 +52,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, block: Block<'_>, scene: &Scene) 
     let is_line = |shape: &&Shape| matches!(shape.outline, Outline::Line(_));
     let canvas = Canvas::default()
         .block(block)
-        .marker(Marker::Braille)
+        .marker(ratatui::symbols::Marker::Braille)
         .x_bounds(bounds(left, right, columns))
         .y_bounds(bounds(bottom, top, rows))
         .paint(|context| {

@@ -203,7 +203,6 @@ pub(crate) struct Film<W: Write> {
 }
 
 impl<W: Write> Film<W> {
-    /// A film of pictures with the size of this one.
     pub fn new(out: W, first: &Image, frames_per_second: f64) -> io::Result<Self> {
         let mut encoder = Encoder::new(out, first.width, first.height, &[]).map_err(io_error)?;
         encoder.set_repeat(Repeat::Infinite).map_err(io_error)?;

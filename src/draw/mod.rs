@@ -82,7 +82,6 @@ fn is_on_line(point: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
     libm::hypot(across.0 - share * along.0, across.1 - share * along.1) < 0.5
 }
 
-/// One shape throughout an episode.
 pub(crate) struct Motion<'a> {
     pub(crate) shape: &'a Shape,
     pub(crate) at: Vec<(f64, f64)>,

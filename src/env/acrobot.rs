@@ -7,8 +7,7 @@ use std::sync::LazyLock;
 
 use super::map::{MapAxis, Quantity};
 use super::scene::{Bounds, Color, Outline, Scene, Shape};
-use super::{Environment, EnvironmentError, Outcome, Spec, Start};
-use crate::mirror::Mirror;
+use super::{Answer, Environment, Outcome, Spec, Start};
 
 const GRAVITY: f64 = 9.8; // m/s²
 const MASS: f64 = 1.0; // kg, of each link
@@ -32,7 +31,7 @@ static SPEC: LazyLock<Spec> = LazyLock::new(|| Spec {
     actions: ["torque −1", "torque 0", "torque +1"].map(String::from).into(),
     observations: ["cos θ₁", "sin θ₁", "cos θ₂", "sin θ₂", "θ̇₁", "θ̇₂"].map(String::from).into(),
     // Left and right exchanged: every angle and velocity changes its sign, and so does the torque.
-    mirror: Some(Mirror {
+    mirror: Some(crate::mirror::Mirror {
         observation: [1.0, -1.0, 1.0, -1.0, -1.0, -1.0].into_iter().enumerate().collect(),
         actions: vec![2, 1, 0],
     }),
@@ -54,7 +53,6 @@ pub struct Acrobot {
 }
 
 impl Acrobot {
-    /// Two links at the given θ₁, θ₂, θ̇₁, θ̇₂.
     pub fn at(state: [f64; 4]) -> Self {
         Self { state }
     }
@@ -117,7 +115,7 @@ impl Environment for Acrobot {
         &SPEC
     }
 
-    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
         // Gymnasium starts from numbers of 32 bits.
         let state = start
             .draw(|rng| std::array::from_fn(|_| f64::from(rng.uniform(-START_RANGE, START_RANGE) as f32)));
@@ -125,7 +123,7 @@ impl Environment for Acrobot {
         Ok(())
     }
 
-    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         debug_assert!(action < SPEC.num_actions);
         let [theta1, theta2, theta1_dot, theta2_dot] = Self::integrate(self.state, action as f64 - 1.0);
         let (theta1, theta2) = (wrapped(theta1), wrapped(theta2));

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use super::map::{MapAxis, Quantity};
 use super::scene::{Bounds, Color, Outline, Scene, Shape};
-use super::{Environment, EnvironmentError, Outcome, Spec, Start, TimeLimit};
+use super::{Answer, Environment, Outcome, Spec, Start, TimeLimit};
 use crate::mirror::Mirror;
 
 const GRAVITY: f64 = 9.8; // m/s²
@@ -56,7 +56,6 @@ impl CartPole {
     /// The angle of the pole, in rad, beyond which an episode terminates.
     pub(crate) const MAX_ANGLE: f64 = 12.0 * 2.0 * std::f64::consts::PI / 360.0;
 
-    /// A cart at the given x, ẋ, θ, θ̇.
     pub fn at(state: [f64; 4]) -> Self {
         Self { state }
     }
@@ -93,13 +92,13 @@ impl Environment for CartPole {
         &SPEC
     }
 
-    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
         let state = start.draw(|rng| std::array::from_fn(|_| rng.uniform(-START_RANGE, START_RANGE)));
         self.enter(state, observation);
         Ok(())
     }
 
-    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         debug_assert!(action < SPEC.num_actions);
         let state = Self::integrate(self.state, if action == 1 { FORCE } else { -FORCE });
         self.enter(state, observation);

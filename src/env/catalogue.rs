@@ -1,21 +1,17 @@
 //! The environments that a config can name.
 
 use serde::de::IntoDeserializer;
-use serde::de::value::Error;
 use serde::{Deserialize, Serialize};
 
-use super::{Acrobot, CartPole, Environment, EnvironmentError, MountainCar, Outcome, Spec, TimeLimit};
+use super::{Acrobot, Answer, CartPole, Environment, MountainCar, Outcome, Spec, TimeLimit};
 
 /// The name of an environment. A new one is a variant, its name, and a line in each function below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum EnvironmentId {
-    /// Gymnasium's CartPole-v1: [`CartPole`] under a [`TimeLimit`] of 500 steps.
     #[serde(rename = "CartPole-v1")]
     CartPoleV1,
-    /// Gymnasium's Acrobot-v1: [`Acrobot`] under a [`TimeLimit`] of 500 steps.
     #[serde(rename = "Acrobot-v1")]
     AcrobotV1,
-    /// Gymnasium's MountainCar-v0: [`MountainCar`] under a [`TimeLimit`] of 200 steps.
     #[serde(rename = "MountainCar-v0")]
     MountainCarV0,
 }
@@ -24,7 +20,7 @@ impl EnvironmentId {
     pub const NAMES: &[&str] = &["CartPole-v1", "Acrobot-v1", "MountainCar-v0"];
 
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::deserialize(IntoDeserializer::<Error>::into_deserializer(name)).ok()
+        Self::deserialize(IntoDeserializer::<serde::de::value::Error>::into_deserializer(name)).ok()
     }
 
     pub fn spec(self) -> Spec {
@@ -81,7 +77,7 @@ impl EnvironmentId {
     }
 
     /// The environment, whose episodes are truncated after `max_steps` steps.
-    pub fn make(self, max_steps: u32) -> Result<Box<dyn Environment>, EnvironmentError> {
+    pub fn make(self, max_steps: u32) -> Answer<Box<dyn Environment>> {
         match self {
             Self::CartPoleV1 => Ok(Box::new(TimeLimit::new(CartPole::default(), max_steps))),
             Self::AcrobotV1 => Ok(Box::new(TimeLimit::new(Acrobot::default(), max_steps))),

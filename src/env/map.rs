@@ -15,14 +15,15 @@ pub struct MapAxis {
     pub(crate) quantity: Quantity,
 }
 
-/// A quantity in an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Quantity {
-    /// The coordinate of this number.
     Coordinate(usize),
     /// An angle, of which two coordinates are the cosine and the sine.
-    Angle { cos: usize, sin: usize },
+    Angle {
+        cos: usize,
+        sin: usize,
+    },
 }
 
 impl MapAxis {

@@ -16,7 +16,6 @@ mod time_limit;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::mirror::Mirror;
 use crate::rng::Rng;
 use crate::text::steers;
 use map::MapAxis;
@@ -32,7 +31,6 @@ pub use time_limit::TimeLimit;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self")]
 pub struct Spec {
-    /// Its name, for example `CartPole-v1`.
     pub id: String,
     /// Numbers in an observation, at least 1.
     pub observation_size: usize,
@@ -47,9 +45,8 @@ pub struct Spec {
     pub steps_per_second: f64,
     pub actions: Vec<String>,
     pub observations: Vec<String>,
-    /// The mirror image of the task, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mirror: Option<Mirror>,
+    pub mirror: Option<crate::mirror::Mirror>,
     /// The plane in which a page shows what a policy prefers, if the task has one. Coordinates that are on neither axis are 0
     /// there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -62,13 +59,10 @@ impl Spec {
         self.solved_return.is_some_and(|threshold| mean_return >= threshold)
     }
 
-    /// Most numbers of an observation.
     pub(crate) const MAX_OBSERVATION: usize = 4096;
     /// Most actions: the replay memory keeps an action in a byte.
     pub(crate) const MAX_ACTIONS: usize = 256;
-    /// Longest name in characters.
     const MAX_NAME: usize = 100;
-    /// Largest return.
     const MAX_RETURN: f64 = 1e30;
 
     /// The same, if it describes a task.
@@ -76,7 +70,6 @@ impl Spec {
         self.problem().map_or(Ok(self), Err)
     }
 
-    /// What makes this the description of no task; none if nothing does.
     fn problem(&self) -> Option<String> {
         let Self { observation_size: size, num_actions, max_steps, return_range: (low, high), .. } = *self;
         let is_short = |name: &str| name.chars().count() <= Self::MAX_NAME && !name.chars().any(steers);
@@ -139,7 +132,6 @@ impl<'de> Deserialize<'de> for Spec {
     }
 }
 
-/// Where an episode starts.
 #[derive(Debug)]
 pub enum Start<'a> {
     /// Where Gymnasium's `reset(seed=…)` starts it. Evaluations start here.
@@ -186,16 +178,19 @@ impl EnvironmentError {
     }
 }
 
+/// What an environment gives, or why it has failed.
+pub type Answer<T> = Result<T, EnvironmentError>;
+
 /// A Markov decision process with a finite set of actions, numbered from 0. It must be deterministic: the same start and the
 /// same actions lead to the same observations.
 pub trait Environment: Send {
     fn spec(&self) -> &Spec;
 
     /// Starts a new episode and writes its first observation, `observation_size` numbers.
-    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError>;
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()>;
 
     /// Applies `action` for one time step and writes what the agent sees then.
-    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError>;
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome>;
 
     /// The full state in f64, more precise than the observation; none if the environment does not show it.
     fn state(&self) -> Option<&[f64]> {
@@ -213,7 +208,7 @@ pub trait Environment: Send {
     }
 
     /// What an environment without a scene looks like now; none if it draws nothing.
-    fn image(&mut self) -> Result<Option<Image>, EnvironmentError> {
+    fn image(&mut self) -> Answer<Option<Image>> {
         Ok(None)
     }
 
@@ -232,4 +227,4 @@ pub struct Image {
 }
 
 /// Makes an environment whose episodes are truncated after so many steps. Evaluations and studies make their own.
-pub type Make = dyn Fn(u32) -> Result<Box<dyn Environment>, EnvironmentError> + Send + Sync;
+pub type Make = dyn Fn(u32) -> Answer<Box<dyn Environment>> + Send + Sync;

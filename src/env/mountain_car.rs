@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use super::map::{MapAxis, Quantity};
 use super::scene::{Bounds, Color, Outline, Scene, Shape};
-use super::{Environment, EnvironmentError, Outcome, Spec, Start};
+use super::{Answer, Environment, Outcome, Spec, Start};
 
 const MIN_POSITION: f64 = -1.2;
 const MAX_POSITION: f64 = 0.6;
@@ -49,7 +49,6 @@ pub struct MountainCar {
 }
 
 impl MountainCar {
-    /// A car at the given x, v.
     pub fn at(state: [f64; 2]) -> Self {
         Self { state }
     }
@@ -71,13 +70,13 @@ impl Environment for MountainCar {
         &SPEC
     }
 
-    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
         let position = start.draw(|rng| rng.uniform(-0.6, -0.4));
         self.enter([position, 0.0], observation);
         Ok(())
     }
 
-    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         debug_assert!(action < SPEC.num_actions);
         let [position, velocity] = self.state;
         let push = (action as f64 - 1.0) * FORCE;

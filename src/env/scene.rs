@@ -1,7 +1,5 @@
 //! What an environment looks like at one moment, as shapes. Whoever draws a scene knows nothing of the environment.
 
-use serde::Serialize;
-
 /// A picture of [`Scene::WIDTH`] × [`Scene::HEIGHT`] pixels. Lengths are in pixels; (0, 0) is the lower left corner, and
 /// heights count upwards, as in Gymnasium's renderers.
 ///
@@ -19,7 +17,6 @@ impl Scene {
     pub(crate) const HEIGHT: u16 = 400;
 }
 
-/// A rigid shape in its place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
     /// The form, around (0, 0).
@@ -42,14 +39,12 @@ pub enum Outline {
 }
 
 impl Outline {
-    /// A filled rectangle between two horizontal and two vertical lines.
     pub(crate) fn rectangle(bounds: Bounds) -> Self {
         let Bounds { left, right, bottom, top } = bounds;
         Self::Polygon(vec![(left, bottom), (right, bottom), (right, top), (left, top)])
     }
 }
 
-/// An area between two vertical and two horizontal lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bounds {
     pub(crate) left: f64,
@@ -59,7 +54,7 @@ pub(crate) struct Bounds {
 }
 
 /// The colors of Gymnasium's renderers. A scene has at most five of them on its white ground.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Color {
     /// Black, or white where the ground is dark.

@@ -1,8 +1,7 @@
 //! A limit on the length of an episode, outside the physics (Pardo et al. 2018, "Time limits in reinforcement
 //! learning"): it truncates, it does not terminate.
 
-use super::scene::Scene;
-use super::{Environment, EnvironmentError, Image, Outcome, Spec, Start};
+use super::{Answer, Environment, Image, Outcome, Spec, Start};
 
 /// Truncates the episodes of `E` after `max_steps` steps. An inner environment that truncates its own episodes still does.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,7 +12,6 @@ pub struct TimeLimit<E> {
 }
 
 impl<E> TimeLimit<E> {
-    /// `environment` with episodes of at most `max_steps` steps.
     pub fn new(environment: E, max_steps: u32) -> Self {
         Self { environment, max_steps, elapsed_steps: 0 }
     }
@@ -24,12 +22,12 @@ impl<E: Environment> Environment for TimeLimit<E> {
         self.environment.spec()
     }
 
-    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
         self.elapsed_steps = 0;
         self.environment.reset(start, observation)
     }
 
-    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         self.elapsed_steps += 1;
         let outcome = self.environment.step(action, observation)?;
         Ok(Outcome { truncated: outcome.truncated || self.elapsed_steps >= self.max_steps, ..outcome })
@@ -43,11 +41,11 @@ impl<E: Environment> Environment for TimeLimit<E> {
         self.environment.ending()
     }
 
-    fn scene(&self) -> Option<Scene> {
+    fn scene(&self) -> Option<super::scene::Scene> {
         self.environment.scene()
     }
 
-    fn image(&mut self) -> Result<Option<Image>, EnvironmentError> {
+    fn image(&mut self) -> Answer<Option<Image>> {
         self.environment.image()
     }
 

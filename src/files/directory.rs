@@ -17,7 +17,6 @@ pub struct Directory {
 }
 
 impl Directory {
-    /// Opens a directory.
     pub fn open(path: &Path) -> io::Result<Self> {
         let name = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         Ok(Self { path: path.into(), handle: system::open(name)? })
@@ -45,10 +44,7 @@ impl Directory {
         if system::is_link(&self.handle, path) { is_a_link(path) } else { error }
     }
 
-    /// Fails where a path is a link, or is reached through one.
-    ///
-    /// # Errors
-    /// Then, and when the way to it cannot be searched. What is missing is no link.
+    /// Fails where a path is a link, or is reached through one. What is missing is no link.
     pub(crate) fn refuse_link(&self, path: &Path) -> io::Result<()> {
         let parent = match self.parent_of(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -83,13 +79,11 @@ impl Directory {
         system::create_file(&parent.handle, path).map_err(|error| parent.explained(path, error))
     }
 
-    /// Gives a file another name in its directory.
     pub(crate) fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         let parent = self.parent_of(to)?;
         system::rename(&parent.handle, from, to)
     }
 
-    /// Gives a file one more name in its directory.
     pub(crate) fn hard_link(&self, from: &Path, to: &Path) -> io::Result<()> {
         let parent = self.parent_of(to)?;
         system::hard_link(&parent.handle, from, to)
@@ -101,7 +95,6 @@ impl Directory {
         system::remove(&parent.handle, path, false)
     }
 
-    /// Removes an empty directory.
     pub(crate) fn remove_dir(&self, path: &Path) -> io::Result<()> {
         let parent = self.parent_of(path)?;
         system::remove(&parent.handle, path, true)

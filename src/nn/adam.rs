@@ -7,7 +7,6 @@ use super::kernels::{AdamCoefficients, Kernels};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam<T> {
     config: OptimizerConfig,
-    /// Step size α of the next step.
     pub learning_rate: f64,
     pub steps: u64,
     /// m, the running mean of the gradient.
@@ -17,7 +16,6 @@ pub struct Adam<T> {
 }
 
 impl<T: Kernels> Adam<T> {
-    /// An optimiser for `parameters` parameters, before its first step.
     pub fn new(config: OptimizerConfig, parameters: usize) -> Self {
         Self {
             learning_rate: config.learning_rate,

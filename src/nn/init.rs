@@ -1,11 +1,7 @@
 //! Initial weights, drawn in the order in which the parameters lie in memory.
 
-use serde::{Deserialize, Serialize};
-
-use crate::rng::Rng;
-
 /// How the weights start. `in` and `out` are a layer's sizes; U(a) is uniform in ± a.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Init {
     /// Weights U(√(6 / (in + out))), biases 0: Keras' default (Glorot and Bengio 2010, eq. 16).
@@ -18,7 +14,7 @@ pub(crate) enum Init {
 
 impl Init {
     /// Fills one layer: `weight` is (in, out), `bias` is (out).
-    pub(super) fn fill(self, weight: &mut [f32], bias: &mut [f32], rng: &mut Rng) {
+    pub(super) fn fill(self, weight: &mut [f32], bias: &mut [f32], rng: &mut crate::rng::Rng) {
         let outputs = bias.len();
         let inputs = weight.len() / outputs;
         let limit = match self {

@@ -1,11 +1,9 @@
 //! Losses of the TD error, averaged over the batch.
 
-use serde::{Deserialize, Serialize};
-
 use super::kernels::Float;
 
 /// The loss of a TD error δ = Q(s, a) − y.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Loss {
     /// δ²

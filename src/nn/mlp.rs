@@ -24,19 +24,16 @@ pub struct Activations<T> {
 }
 
 impl<T: Kernels> Activations<T> {
-    /// Room for batches of exactly `batch` rows through a network of these layer sizes.
     pub fn new(sizes: &[usize], batch: usize) -> Self {
         let layers: Vec<_> = sizes.iter().map(|&size| DMatrix::from_element(batch, size, T::ZERO)).collect();
         let widest = sizes.iter().copied().max().unwrap_or(0);
         Self { gradients: layers.clone(), layers, scratch: vec![T::ZERO; scratch_len(batch, widest)] }
     }
 
-    /// The network's input, to be filled in.
     pub fn input_mut(&mut self) -> &mut DMatrix<T> {
         &mut self.layers[0]
     }
 
-    /// Copies the network's input, (batch, in).
     pub(crate) fn set_input(&mut self, input: &DMatrix<T>) {
         self.layers[0].as_mut_slice().copy_from_slice(input.as_slice());
     }
@@ -69,7 +66,6 @@ impl<T: Kernels> Activations<T> {
 }
 
 impl Mlp<f32> {
-    /// A network with freshly drawn weights.
     pub fn new(config: &NetworkConfig, observation_size: usize, num_actions: usize, rng: &mut Rng) -> Self {
         let mut mlp = Self::zeros(config.sizes(observation_size, num_actions));
         for layer in 0..mlp.num_layers() {
@@ -91,7 +87,6 @@ impl<T: Kernels> Mlp<T> {
         Self { parameters: vec![T::ZERO; starts[starts.len() - 1]], sizes, starts }
     }
 
-    /// Layer sizes, from the input to the output.
     pub fn sizes(&self) -> &[usize] {
         &self.sizes
     }
@@ -124,13 +119,11 @@ impl<T: Kernels> Mlp<T> {
         &self.parameters[self.range(layer)]
     }
 
-    /// See [`Self::layer`].
     pub fn layer_mut(&mut self, layer: usize) -> &mut [T] {
         let range = self.range(layer);
         &mut self.parameters[range]
     }
 
-    /// Where a layer lies in the flat parameters.
     fn range(&self, layer: usize) -> std::ops::Range<usize> {
         self.starts[layer]..self.starts[layer + 1]
     }

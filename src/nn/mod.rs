@@ -15,8 +15,6 @@ mod loss;
 mod mlp;
 mod optimizer;
 
-use serde::{Deserialize, Serialize};
-
 pub use adam::Adam;
 pub(crate) use init::Init;
 pub(crate) use kernels::Float;
@@ -27,7 +25,7 @@ pub use optimizer::OptimizerConfig;
 pub(crate) use optimizer::{LearningRate, LearningRateSchedule, clip_norm, norm};
 
 /// The shape and the start of the Q-network. Configs that earlier versions recorded have one more key.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct NetworkConfig {
     pub hidden: Vec<usize>,
     pub(crate) init: Init,

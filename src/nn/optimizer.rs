@@ -13,7 +13,6 @@ pub struct OptimizerConfig {
     pub epsilon: f64,
     /// See [`clip_norm`].
     pub max_gradient_norm: Option<f64>,
-    /// None: the step size stays.
     pub schedule: Option<LearningRateSchedule>,
 }
 
@@ -32,12 +31,10 @@ pub struct LearningRateSchedule {
 pub struct LearningRate {
     /// Step size α; with a schedule that of the first step.
     pub learning_rate: f64,
-    /// None: the step size stays.
     pub schedule: Option<LearningRateSchedule>,
 }
 
 impl LearningRate {
-    /// Step size after `env_steps` environment steps of the run.
     pub(crate) fn after(&self, env_steps: u64) -> f64 {
         match self.schedule {
             None => self.learning_rate,

@@ -28,6 +28,11 @@ pub(crate) const INTERRUPTED: u8 = 130;
 /// The exit code after the wish of another process: 128 + SIGTERM.
 pub(crate) const TERMINATED: u8 = 143;
 
+#[cfg(all(feature = "files", not(target_family = "wasm")))]
+pub(crate) fn host_name() -> String {
+    gethostname::gethostname().to_string_lossy().into_owned()
+}
+
 pub(crate) fn not_ordinary() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, "not an ordinary file")
 }

@@ -1,10 +1,5 @@
 //! Linux, macOS and other Unixes.
 
-#[cfg(feature = "files")]
-pub(crate) fn host_name() -> String {
-    gethostname::gethostname().to_string_lossy().into_owned()
-}
-
 /// Relative to an open directory, no call follows a link: each takes one name, and opens nothing that is a link.
 #[cfg(feature = "files")]
 pub(crate) mod directory {
@@ -140,7 +135,7 @@ pub(crate) mod signals {
     }
 
     /// Whether the process was started to outlive its terminal: `nohup` sets SIGHUP to be ignored.
-    fn hangup_is_ignored() -> bool {
+    pub(super) fn hangup_is_ignored() -> bool {
         let mask = std::fs::read_to_string("/proc/self/status").ok().and_then(|status| {
             let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"))?;
             u64::from_str_radix(mask.trim(), 16).ok()
@@ -151,24 +146,8 @@ pub(crate) mod signals {
 
     /// Whether a shell outlives a SIGHUP that it sends to itself: what a process ignores, its child ignores too. macOS has no
     /// `/proc`, and no safe code asks `sigaction`.
-    fn survives_hangup(mut shell: Command) -> bool {
+    pub(super) fn survives_hangup(mut shell: Command) -> bool {
         shell.args(["-c", "kill -s HUP $$"]).status().is_ok_and(|status| status.success())
-    }
-
-    #[cfg(test)]
-    mod tests {
-        use super::*;
-
-        #[test]
-        fn a_shell_outlives_a_hangup_if_it_is_ignored() {
-            let shell = |trap: &str| {
-                let mut shell = Command::new("/bin/sh");
-                shell.args(["-c", &format!("{trap} exec /bin/sh \"$@\""), "sh"]);
-                shell
-            };
-            assert!(survives_hangup(shell("trap '' HUP;")));
-            assert_eq!(survives_hangup(shell("")), hangup_is_ignored());
-        }
     }
 }
 
@@ -200,7 +179,6 @@ pub(crate) mod programs {
         start(shell.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null())).ok()
     }
 
-    /// Asks the group of a program to end.
     pub(crate) fn terminate(child: &Child) {
         let _ = kill_process_group(Pid::from_child(child), Signal::TERM);
     }
@@ -232,3 +210,7 @@ pub(crate) mod programs {
         }
     }
 }
+
+#[cfg(all(test, feature = "cli"))]
+#[path = "../../tests/unit/os_unix.rs"]
+mod tests;

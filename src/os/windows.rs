@@ -1,10 +1,5 @@
 //! Windows.
 
-#[cfg(feature = "files")]
-pub(crate) fn host_name() -> String {
-    gethostname::gethostname().to_string_lossy().into_owned()
-}
-
 /// A lock of Windows keeps others from reading, so that nobody could look at a run that is training. So whoever opens a file
 /// says instead what others may do with it meanwhile.
 #[cfg(feature = "files")]

@@ -2,9 +2,7 @@
 
 use serde::Serialize;
 
-use super::outcome::Group;
 use super::statistics::{self, Estimate, LEAST_SEEDS, Sample, iqm, shown};
-use crate::env::Spec;
 
 /// A config against the first of the study, in its final scores.
 #[derive(Serialize)]
@@ -44,7 +42,7 @@ fn side(estimate: &Estimate, equal: f64) -> Option<i8> {
 pub(super) struct Scored<'a> {
     pub(super) name: &'a str,
     pub(super) label: &'a str,
-    pub(super) task: &'a Spec,
+    pub(super) task: &'a crate::env::Spec,
     pub(super) finals: &'a Sample,
 }
 
@@ -115,7 +113,7 @@ pub(super) fn statements(comparisons: &[Comparison]) -> Vec<String> {
 }
 
 /// How many runs a key ended before their budget was used up, and what that does to the numbers; none if no run ended so.
-pub(super) fn early_ends(groups: &[Group]) -> Option<String> {
+pub(super) fn early_ends(groups: &[super::outcome::Group]) -> Option<String> {
     let outcomes = || groups.iter().flat_map(|group| &group.outcomes);
     let mut keys: Vec<&str> = outcomes().filter_map(|outcome| outcome.stopped_by).collect();
     let (early, all) = (keys.len(), outcomes().count());

@@ -1,13 +1,10 @@
 //! Why trials of a study failed, and why others have no result.
 
-use serde::Serialize;
-
 use super::outcome::{Group, TrialOutcome};
-use crate::text::visible;
 
 const MAX_REASONS: usize = 5;
 
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub(super) struct Failures {
     trials: usize,
     reason: String,
@@ -23,7 +20,6 @@ pub(super) fn failures(groups: &[Group]) -> Vec<Failures> {
     }))
 }
 
-/// The heading of missing trials.
 pub(super) fn of_last_tries(begun: usize) -> String {
     format!("Why the last tries of {begun} missing trials ended without a result; the next ones resume them:")
 }
@@ -52,7 +48,7 @@ pub(super) fn reason_lines(
     let count: usize = failures.iter().map(|failures| failures.trials).sum();
     let line = |Failures { trials, reason, config, seed }: &Failures| {
         let which = if *trials == 1 { "" } else { "first: " };
-        format!("  {trials} ×: {} ({which}{}, seed {seed})", visible(reason), label(config))
+        format!("  {trials} ×: {} ({which}{}, seed {seed})", crate::text::visible(reason), label(config))
     };
     let mut lines: Vec<String> = (count > 0).then(|| heading(count)).into_iter().collect();
     lines.extend(failures.iter().take(MAX_REASONS).map(line));

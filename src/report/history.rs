@@ -75,7 +75,6 @@ pub fn half_way(evaluations: &[Evaluation], task: &Spec) -> Option<f64> {
     task.solved_return.map(|threshold| f64::midpoint(threshold, random))
 }
 
-/// Every time that a solution was lost.
 pub fn losses(evaluations: &[Evaluation], task: &Spec) -> Vec<LostSolution> {
     let Some(half_way) = half_way(evaluations, task) else { return Vec::new() };
     let solves = |evaluation: &Evaluation| task.is_solved_by(evaluation.mean);

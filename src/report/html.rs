@@ -1,7 +1,5 @@
 //! A report as one HTML file that needs nothing else: no network, no other file.
 
-use std::collections::BTreeSet;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -14,7 +12,6 @@ use super::svg::{DARK, escaped};
 use super::text::{self, Table};
 use super::{ReportError, is_study, parse, plots};
 use crate::config::{Config, Setting};
-use crate::run::checkpoint_of;
 use crate::run::names::{CONFIG, SUMMARY};
 use crate::trainer::Evaluation;
 
@@ -108,7 +105,7 @@ fn study_page(directory: &Path) -> Result<String, ReportError> {
     let values: Vec<Value> = configs.iter().map(|named| json!(named.config)).collect();
     let configs: Vec<(&str, &Value)> = configs.iter().map(|named| named.name.as_str()).zip(&values).collect();
     sections += &section("Configs", &config_tables(&configs));
-    let Range { start, end } = report.seeds;
+    let std::ops::Range { start, end } = report.seeds;
     let files: String = (0..configs.len()).map(|i| format!(" --config {i}.json")).collect();
     let mut how = format!(
         "<p>The same configs and seeds give the same trials, bit for bit. Save the configs, in their order, as \
@@ -128,7 +125,7 @@ fn study_page(directory: &Path) -> Result<String, ReportError> {
 /// Why a run has no portrait, and what its evaluations recorded.
 fn unplayed(directory: &Path, run: &Run) -> String {
     let name = escaped(&run.name);
-    if checkpoint_of(directory).is_err() {
+    if crate::run::checkpoint_of(directory).is_err() {
         return format!(
             "<p>{name}: there is no checkpoint in the directory, so there is nothing to play.</p>\n"
         );
@@ -245,7 +242,7 @@ fn config_tables(configs: &[(&str, &Value)]) -> String {
 fn differences(configs: &[(&str, &Value)], all: &[Vec<[String; 4]>]) -> Vec<Vec<String>> {
     let heading = std::iter::once("").chain(configs.iter().map(|(name, _)| *name));
     let mut rows = vec![heading.map(String::from).collect::<Vec<_>>()];
-    let mut seen = BTreeSet::new();
+    let mut seen = std::collections::BTreeSet::new();
     for [key, ..] in all.iter().flatten().filter(|[key, ..]| seen.insert(key)) {
         let value = |rows: &Vec<[String; 4]>| {
             let own = rows.iter().find(|[own, ..]| own == key);

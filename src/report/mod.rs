@@ -18,8 +18,6 @@ mod text;
 use std::io::{self, Write};
 use std::path::Path;
 
-use serde_json::Value;
-
 pub(crate) use html::{is_page, page};
 pub(crate) use study::describe_last_tries;
 pub use study::standing;
@@ -27,7 +25,6 @@ pub use study::standing;
 use crate::files::read_text_limited;
 use crate::run::names::{MANIFEST, METRICS};
 use crate::study::StudyError;
-use crate::text::visible;
 use crate::trainer::Evaluation;
 
 /// How every `report.json` begins, whatever its version.
@@ -42,7 +39,7 @@ pub(crate) type Content = Box<dyn Fn(&mut dyn Write) -> io::Result<()>>;
 
 pub struct Report {
     pub(crate) text: String,
-    pub(crate) json: Value,
+    pub(crate) json: serde_json::Value,
     pub(crate) files: Vec<(&'static str, Content)>,
     /// Notes on the lines that it ignores.
     pub(crate) notes: Vec<String>,
@@ -54,7 +51,7 @@ pub struct ReportError(String);
 
 impl ReportError {
     fn new(path: &Path, problem: impl ToString) -> Self {
-        Self(format!("{}: {}", visible(&path.to_string_lossy()), problem.to_string()))
+        Self(format!("{}: {}", crate::text::visible(&path.to_string_lossy()), problem.to_string()))
     }
 
     fn unreadable(path: &Path, error: &io::Error) -> Self {

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use super::ReportError;
 use super::history;
 use crate::env::Spec;
 use crate::study::{Finished, NamedConfig, Omitted, PolicyScore, StudyDir};
@@ -67,7 +66,7 @@ impl TrialOutcome {
     }
 }
 
-pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), ReportError> {
+pub(super) fn read(study_dir: &StudyDir) -> Result<(Vec<Group>, Omitted), super::ReportError> {
     let group = |NamedConfig { name, task, .. }: NamedConfig| Group { name, task, outcomes: Vec::new() };
     let mut groups: Vec<Group> = study_dir.study.configs.iter().cloned().map(group).collect();
     let mut steps: Vec<Arc<[u64]>> = vec![Arc::default(); groups.len()];

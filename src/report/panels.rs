@@ -1,9 +1,7 @@
 //! The plots of runs in a page: one panel for each quantity, all over the same steps.
 
-use super::plots::returns;
 use super::run::{History, Run};
 use super::svg::{Layout, Plot};
-use crate::agent::{STATISTICS, Statistic};
 
 /// (Environment steps, value).
 type Points = Vec<(f64, f64)>;
@@ -28,7 +26,7 @@ pub(super) fn figure(draw: impl Fn(Layout) -> Plot) -> String {
 pub(super) fn learning(runs: &[Run]) -> String {
     let ends = runs.iter().flat_map(|run| &run.history.evaluations).map(|evaluation| evaluation.env_steps);
     let end = ends.max().unwrap_or_default() as f64;
-    let statistic = |known: &Statistic| {
+    let statistic = |known: &crate::agent::Statistic| {
         let of = |history: &History| {
             let samples = history.statistics.get(known.name).into_iter().flatten();
             samples.map(|&(step, value)| (step as f64, value)).collect()
@@ -38,7 +36,7 @@ pub(super) fn learning(runs: &[Run]) -> String {
     let mut shown = figure(|layout| learning_curve(layout, runs, end));
     shown += &panel(runs, end, "Exploration: ε after an episode", false, |history| history.epsilon.clone());
     shown += &panel(runs, end, "Loss: mean over an episode", true, |history| history.loss.clone());
-    let drawn = STATISTICS.iter().filter(|statistic| !statistic.title.is_empty());
+    let drawn = crate::agent::STATISTICS.iter().filter(|statistic| !statistic.title.is_empty());
     let mut panels = drawn.map(statistic);
     shown.extend(panels.by_ref().take(FOLDED_FROM));
     let folded: String = panels.collect();
@@ -52,7 +50,7 @@ pub(super) fn learning(runs: &[Run]) -> String {
 
 /// The learning curve: one run has the range of its evaluations, several runs have a colour each.
 fn learning_curve(layout: Layout, runs: &[Run], end: f64) -> Plot {
-    let mut plot = returns(layout, "Learning curve", &runs[0].task, end);
+    let mut plot = super::plots::returns(layout, "Learning curve", &runs[0].task, end);
     for (series, Run { name, history, .. }) in runs.iter().enumerate() {
         let evaluations: Points = history.evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
         if let [_] = runs {

@@ -1,19 +1,16 @@
 //! The plots of a report.
 
-use super::comparison::Comparison;
 use super::statistics::{Estimate, shown};
 use super::summary::{ConfigReport, StudyReport};
 use super::svg::{Layout, Plot};
 use super::{Content, whole};
 use crate::env::Spec;
 use crate::run::names::PLOTS;
-use crate::trainer::Evaluation;
 
 const STEPS: &str = "environment steps";
 
 type Draw = fn(&StudyReport, Layout) -> Plot;
 
-/// The plots of a study: name and how it is drawn.
 pub(super) const STUDY: [(&str, Draw); 4] = [
     (PLOTS[0], learning_curves),
     (PLOTS[1], performance_profile),
@@ -48,7 +45,7 @@ fn draw_threshold<'a>(plot: &mut Plot, mut tasks: impl Iterator<Item = &'a Spec>
 pub(super) fn run(
     name: &str,
     task: &Spec,
-    evaluations: &[Evaluation],
+    evaluations: &[crate::trainer::Evaluation],
     training: &[(f64, f64)],
 ) -> Vec<(&'static str, Content)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
@@ -148,7 +145,7 @@ fn steps_to_solve(StudyReport { configs, .. }: &StudyReport, layout: Layout) -> 
 fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layout) -> Plot {
     let is_difference = !comparisons.is_empty();
     let (what, label, rows): (_, _, Vec<(&String, &Estimate)>) = match comparisons.first() {
-        Some(Comparison { labels: [_, against], .. }) => {
+        Some(super::comparison::Comparison { labels: [_, against], .. }) => {
             let what = format!("Difference of the final IQMs from {against}");
             (
                 what,

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::ReportError;
-use crate::agent::QTable;
 use crate::config::EnvironmentConfig;
 use crate::draw::{Motion, motions};
 use crate::env::map::{MapAxis, Quantity};
@@ -92,7 +91,7 @@ fn map(axes: &[MapAxis; 2], [size, actions]: [usize; 2], saved: &SavedPolicy, fr
 }
 
 /// The cells of a table in the plane: their edges along each axis, and how often the cell of every point was updated.
-fn cells(table: &QTable, axes: &[MapAxis; 2], observations: &[Vec<f32>]) -> Value {
+fn cells(table: &crate::agent::QTable, axes: &[MapAxis; 2], observations: &[Vec<f32>]) -> Value {
     let edges = |axis: &MapAxis| -> Vec<f64> {
         match axis.quantity {
             Quantity::Coordinate(i) => {
@@ -154,7 +153,6 @@ fn series(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// What a picture can show.
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

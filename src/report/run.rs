@@ -1,7 +1,5 @@
 //! The report of one run: what happened and when, each statement with its numbers.
 
-use std::collections::BTreeMap;
-use std::io;
 use std::path::{Component, Path, PathBuf};
 
 use serde::Serialize;
@@ -13,7 +11,6 @@ use crate::config::EnvironmentConfig;
 use crate::env::Spec;
 use crate::run::names::{CONFIG, EVALUATIONS, METRICS};
 use crate::run::read_events;
-use crate::text::{visible, wrapped};
 use crate::trainer::{EndReason, Evaluation, Event};
 
 /// Samples of a statistic that its usual range is taken from, at least and at most.
@@ -24,7 +21,7 @@ const EPISODES: usize = 100;
 const MOVED: f64 = 4.0;
 
 /// A statistic's name → (environment steps, value).
-pub(super) type StatisticSeries = BTreeMap<String, Vec<(u64, f64)>>;
+pub(super) type StatisticSeries = std::collections::BTreeMap<String, Vec<(u64, f64)>>;
 
 #[derive(Default)]
 pub(super) struct History {
@@ -209,7 +206,7 @@ pub(super) fn names(directories: &[PathBuf]) -> Result<Vec<String>, ReportError>
         let is_own = |end: &&[Component]| parts.iter().filter(|other| other.ends_with(end)).count() == 1;
         let end = ends.find(is_own);
         let end = end.ok_or_else(|| ReportError::new(directory, "is given twice; give every run once"))?;
-        Ok(visible(&end.iter().collect::<PathBuf>().to_string_lossy()))
+        Ok(crate::text::visible(&end.iter().collect::<PathBuf>().to_string_lossy()))
     };
     parts.iter().zip(directories).map(name).collect()
 }
@@ -218,9 +215,9 @@ pub(super) fn report(directory: &Path) -> Result<Report, ReportError> {
     let name = names(&[directory.to_owned()])?.concat();
     let Run { name, task, history, report, .. } = Run::read(directory, name)?;
     let mut files = plots::run(&name, &task, &history.evaluations, &history.training);
-    let text = report.statements.iter().map(|statement| wrapped(statement, 2)).collect();
+    let text = report.statements.iter().map(|statement| crate::text::wrapped(statement, 2)).collect();
     let (seed, json) = (report.seed, json!(report));
-    let rows = move |file: &mut dyn io::Write| {
+    let rows = move |file: &mut dyn std::io::Write| {
         csv(file, std::iter::once((name.as_str(), seed, history.evaluations.clone())))
     };
     files.insert(0, (EVALUATIONS, Box::new(rows)));

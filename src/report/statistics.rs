@@ -4,9 +4,6 @@
 //! 2024, "Empirical Design in Reinforcement Learning". A [`Sample`] is one number per seed.
 
 use std::borrow::Cow;
-use std::ops::Range;
-
-use serde::Serialize;
 
 use crate::rng::Rng;
 
@@ -29,7 +26,7 @@ const ADDED_SINGLY: usize = 64;
 const INVERTED: f64 = 32.0;
 
 /// A number and its 95 % interval; none with fewer than [`LEAST_SEEDS`] seeds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Estimate {
     pub value: f64,
     pub low: Option<f64>,
@@ -204,7 +201,7 @@ impl Sample {
     }
 
     /// The mean of the values at these places.
-    pub(crate) fn mean_of(&self, places: Range<usize>) -> f64 {
+    pub(crate) fn mean_of(&self, places: std::ops::Range<usize>) -> f64 {
         let (mut end, mut sum) = (0, 0.0);
         for (value, count) in self.iter() {
             let start = end;

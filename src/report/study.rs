@@ -1,6 +1,5 @@
 //! The report of a study, from its files.
 
-use std::io;
 use std::path::Path;
 
 use serde_json::json;
@@ -12,9 +11,7 @@ use super::statistics::{BOOTSTRAP_SEED, LEAST_SEEDS, RESAMPLES};
 use super::summary::{ConfigReport, StudyReport, config_report};
 use super::text::{self, Labels, describe};
 use super::{FORMAT_VERSION, Report, ReportError, csv, plots};
-use crate::run::names::EVALUATIONS;
 use crate::study::{self, NamedConfig, StudyDir};
-use crate::text::{visible, wrapped};
 
 const MAX_NAMED: usize = 3;
 
@@ -67,20 +64,20 @@ pub(super) fn report(path: &Path) -> Result<Report, ReportError> {
     let ReadStudy { groups, report, notes, .. } = ReadStudy::read(path)?;
     let mut files = plots::study(&report);
     let (text, json) = (describe(&report), json!(report));
-    let rows = move |file: &mut dyn io::Write| {
+    let rows = move |file: &mut dyn std::io::Write| {
         let trials = groups.iter().flat_map(|Group { name, outcomes, .. }| {
             outcomes.iter().map(|outcome| (name.as_str(), outcome.seed, outcome.evaluations()))
         });
         csv(file, trials)
     };
-    files.insert(0, (EVALUATIONS, Box::new(rows)));
+    files.insert(0, (crate::run::names::EVALUATIONS, Box::new(rows)));
     Ok(Report { text, json, files, notes })
 }
 
 /// Why the last tries of missing trials ended, in words; nothing if there was none.
 pub(crate) fn describe_last_tries(tries: Vec<(String, u64, String)>) -> String {
-    let lines = reason_lines(&reasons(tries), of_last_tries, visible);
-    lines.iter().map(|line| wrapped(line, 0)).collect()
+    let lines = reason_lines(&reasons(tries), of_last_tries, crate::text::visible);
+    lines.iter().map(|line| crate::text::wrapped(line, 0)).collect()
 }
 
 /// What a reader must know to judge the numbers. Configs for which the same note is true share it.

@@ -1,12 +1,9 @@
 //! What the configs of a study came to over their seeds: types and numbers.
 
-use std::num::NonZero;
-use std::ops::Range;
 use std::panic::resume_unwind;
 use std::thread;
 
 use serde::Serialize;
-use serde_json::Value;
 
 use super::comparison::{Comparison, Scored};
 use super::failures::Failures;
@@ -26,14 +23,14 @@ pub(super) struct StudyReport {
     pub(super) kind: &'static str,
     /// Of the first config's task.
     pub(super) threshold: Option<f64>,
-    pub(super) seeds: Range<u64>,
+    pub(super) seeds: std::ops::Range<u64>,
     pub(super) trials: u64,
     pub(super) finished: usize,
     pub(super) failed: usize,
     pub(super) failures: Vec<Failures>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(super) last_tries: Vec<Failures>,
-    pub(super) bootstrap: Value,
+    pub(super) bootstrap: serde_json::Value,
     pub(super) warnings: Vec<String>,
     pub(super) configs: Vec<ConfigReport>,
     pub(super) comparisons: Vec<Comparison>,
@@ -223,7 +220,7 @@ fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[TrialOutcome]) -> Vec<C
         CurvePoint { env_steps, iqm: Estimate::of(&sample, iqm) }
     };
     // Most of a report's time: each part of the points has a thread.
-    let threads = thread::available_parallelism().map_or(1, NonZero::get);
+    let threads = thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let parts = grid.chunks(grid.len().div_ceil(threads).max(1));
     thread::scope(|scope| {
         let points = |part: &[u64]| part.iter().map(point).collect::<Vec<_>>();

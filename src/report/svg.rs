@@ -71,7 +71,6 @@ pub(super) struct Plot {
     labels: [String; 2],
     x: (f64, f64),
     y: (f64, f64),
-    /// Whether there are numbers at the y axis.
     pub(super) has_y_ticks: bool,
     /// Whether y is an exponent, and the y axis has powers of ten.
     pub(super) is_logarithmic: bool,
@@ -114,7 +113,6 @@ impl Plot {
         self.line_of_width(series, points, "2");
     }
 
-    /// A line that stays in the background.
     pub(super) fn faint_line(&mut self, series: usize, points: &[(f64, f64)]) {
         self.line_of_width(series, points, r#"1" stroke-opacity="0.6"#);
     }

@@ -1,7 +1,5 @@
 //! The report of a study in words: tables and notes.
 
-use std::collections::BTreeMap;
-
 use super::comparison::{Comparison, statements};
 use super::failures::{of_last_tries, reason_lines};
 use super::statistics::{Estimate, shown};
@@ -23,7 +21,7 @@ pub(super) struct Table {
 }
 
 /// How tables, sentences and pictures call the configs of a study: name → label.
-pub(super) type Labels = BTreeMap<String, String>;
+pub(super) type Labels = std::collections::BTreeMap<String, String>;
 
 /// The labels that leave the ranked table in [`COLUMNS`].
 pub(super) fn labels(study: &Study, configs: &[ConfigReport]) -> Labels {
@@ -35,48 +33,35 @@ pub(super) fn labels(study: &Study, configs: &[ConfigReport]) -> Labels {
     names.iter().map(ToString::to_string).zip(labels).collect()
 }
 
-/// The places of the configs, the best first: by final IQM, then by mean, then as the study has them.
-fn order(configs: &[ConfigReport]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..configs.len()).collect();
-    order.sort_by(|&a, &b| {
-        let (a, b) = (&configs[a], &configs[b]);
+type Cells<'a> = &'a dyn Fn(&ConfigReport) -> Option<Vec<String>>;
+
+/// A table of the configs that have these cells, the best first: by final IQM, then by mean, then as the study has them.
+fn by_rank(configs: &[ConfigReport], title: &str, heading: &[&str], cells: Cells) -> Table {
+    let mut ranked: Vec<&ConfigReport> = configs.iter().collect();
+    ranked.sort_by(|a, b| {
         let by_iqm = b.final_iqm.value.total_cmp(&a.final_iqm.value);
         by_iqm.then(b.final_mean.value.total_cmp(&a.final_mean.value))
     });
-    order
+    let mut rows = vec![["rank", "config"].iter().chain(heading).map(ToString::to_string).collect()];
+    for (rank, config) in ranked.into_iter().enumerate() {
+        let name = [(rank + 1).to_string(), config.label.clone()];
+        rows.extend(cells(config).map(|cells| [&name[..], &cells].concat()));
+    }
+    Table { title: title.into(), rows }
 }
 
 fn ranked(configs: &[ConfigReport]) -> Table {
-    let heading = ["rank", "config", "seeds", "failed", "solved", "IQM", "mean"].map(String::from);
-    let row = |(rank, i): (usize, usize)| {
-        let config = &configs[i];
-        vec![
-            (rank + 1).to_string(),
-            config.label.clone(),
-            config.seeds.to_string(),
-            config.failed.to_string(),
-            config.final_solved.to_string(),
-            shown(&config.final_iqm, 1),
-            format!("{:.1}", config.final_mean.value),
-        ]
-    };
-    let mut rows = vec![heading.to_vec()];
-    rows.extend(order(configs).into_iter().enumerate().map(row));
-    Table { title: "Mean return of the final policies over the seeds, the best config first:".into(), rows }
+    let title = "Mean return of the final policies over the seeds, the best config first:";
+    by_rank(configs, title, &["seeds", "failed", "solved", "IQM", "mean"], &|c| {
+        let counts = [c.seeds, c.failed, c.final_solved].map(|count| count.to_string());
+        let means = [shown(&c.final_iqm, 1), format!("{:.1}", c.final_mean.value)];
+        Some([&counts[..], &means].concat())
+    })
 }
 
-/// The tables of a report, the best config first in each.
 pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
     let configs = &report.configs;
-    let order = order(configs);
-    let table = |title: &str, heading: &[&str], cells: &dyn Fn(&ConfigReport) -> Option<Vec<String>>| {
-        let mut rows = vec![["rank", "config"].iter().chain(heading).map(ToString::to_string).collect()];
-        for (rank, &i) in order.iter().enumerate() {
-            let name = [(rank + 1).to_string(), configs[i].label.clone()];
-            rows.extend(cells(&configs[i]).map(|cells| [&name[..], &cells].concat()));
-        }
-        Table { title: title.into(), rows }
-    };
+    let table = |title: &str, heading: &[&str], cells: Cells| by_rank(configs, title, heading, cells);
     let mut tables = vec![
         ranked(configs),
         table(

@@ -2,19 +2,13 @@
 
 use std::collections::HashMap;
 use std::io::{self, Read};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use safetensors::SafeTensors;
-use safetensors::tensor::Metadata;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::agent::Policy;
-use crate::env::Spec;
 use crate::files::{Directory, check_size, open_ordinary, read_limited, read_rest};
-use crate::memory::check_memory;
 use crate::tensors::{TensorError, Tensors, check_count, foreign_format, header_of, sha256};
-use crate::trainer::ResumeError;
 
 /// The version of the layout, the only one that this program reads. It is raised whenever an old reader would misread a
 /// new file.
@@ -23,11 +17,9 @@ pub const FORMAT_VERSION: u32 = 3;
 const METADATA_KEY: &str = "cartpole-dqn";
 /// The bytes before a file's own SHA-256, as this program writes them.
 const SEAL: &[u8] = br#"\"sha256\":\""#;
-/// How a header begins.
 const START: &str = "{\"format_version\":";
 /// Stands for the SHA-256 while that is computed.
 const NO_SHA256: &str = "0000000000000000000000000000000000000000000000000000000000000000";
-/// Largest file that is read, in bytes.
 pub(super) const MAX_FILE_SIZE: u64 = 1 << 32;
 /// Longest JSON header, as the crate `safetensors` has it.
 const MAX_HEADER_SIZE: u64 = 100_000_000;
@@ -39,7 +31,6 @@ pub struct Checkpoint {
     metadata: Option<String>,
 }
 
-/// The header as it is written.
 #[derive(Serialize)]
 struct Sealed<'a, H> {
     format_version: u32,
@@ -55,7 +46,6 @@ struct Seal {
     sha256: Option<String>,
 }
 
-/// What is wrong with a checkpoint.
 #[derive(Debug, thiserror::Error)]
 #[error("checkpoint {}: {problem}", path.display())]
 pub struct CheckpointError {
@@ -84,7 +74,7 @@ pub enum CheckpointProblem {
     #[error("holds only a policy and cannot be resumed; `last.safetensors` holds the state of a run")]
     NotResumable,
     #[error(transparent)]
-    Resume(#[from] ResumeError),
+    Resume(#[from] crate::trainer::ResumeError),
     #[error("needs more memory than there is: {0}")]
     Memory(String),
     #[error("does not belong to the config.json of its run: {0}")]
@@ -92,7 +82,6 @@ pub enum CheckpointProblem {
 }
 
 impl Checkpoint {
-    /// A checkpoint with a header and no tensors yet.
     pub fn new(header: &impl Serialize) -> io::Result<Self> {
         let sealed = Sealed { format_version: FORMAT_VERSION, sha256: NO_SHA256, header };
         Ok(Self { tensors: Tensors::default(), metadata: Some(serde_json::to_string(&sealed)?) })
@@ -109,14 +98,11 @@ impl Checkpoint {
         check_header(path)?;
         let bytes = read_limited(path, MAX_FILE_SIZE)?;
         // The tensors here, and where they are put.
-        check_memory([bytes.len() as u64; 2])?;
+        crate::memory::check_memory([bytes.len() as u64; 2])?;
         Self::from_bytes(&bytes)
     }
 
-    /// Reads a stream whole.
-    ///
-    /// # Errors
-    /// As [`Self::read`]. What does not begin as a safetensors file does is not read any further.
+    /// Reads a stream whole. What does not begin as a safetensors file does is not read any further.
     pub(crate) fn read_from(mut stream: impl Read) -> Result<Self, CheckpointProblem> {
         let mut bytes = Vec::new();
         // The length of the header in 8 bytes, then the header, which is a JSON object.
@@ -130,7 +116,7 @@ impl Checkpoint {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, CheckpointProblem> {
         let damaged = |error: safetensors::SafeTensorError| no_safetensors(bytes, error.to_string());
         check_count(header_of(bytes)).map_err(CheckpointProblem::NotSafetensors)?;
-        let (header_length, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+        let (header_length, metadata) = safetensors::SafeTensors::read_metadata(bytes).map_err(damaged)?;
         let tensors = Tensors::from_safetensors(bytes).map_err(damaged)?;
         let metadata = metadata.metadata().clone().unwrap_or_default();
         // Under another name it is a header of ours whose name is damaged.
@@ -175,7 +161,7 @@ impl Checkpoint {
     }
 
     /// The policy: the network in the tensors without a prefix, whoever wrote them, for a task.
-    pub fn policy(&self, spec: &Spec) -> Result<Policy, CheckpointProblem> {
+    pub fn policy(&self, spec: &crate::env::Spec) -> Result<Policy, CheckpointProblem> {
         self.version()?;
         Ok(Policy::from_tensors(&self.tensors, spec.observation_size, spec.num_actions)?)
     }
@@ -202,7 +188,7 @@ fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     let mut header = Vec::new();
     file.take(length).read_to_end(&mut header)?;
     check_count(&header).map_err(|problem| damaged(&problem))?;
-    let header: Metadata =
+    let header: safetensors::tensor::Metadata =
         serde_json::from_slice(&header).map_err(|error| damaged(&format!("its header: {error}")))?;
     match header.data_len() as u64 {
         expected if expected == data => Ok(()),
@@ -231,6 +217,6 @@ pub fn seal(bytes: &mut [u8]) {
 }
 
 /// The SHA-256 of a file in which that place holds zeros.
-fn sha256_without(bytes: &[u8], place: Range<usize>) -> String {
+fn sha256_without(bytes: &[u8], place: std::ops::Range<usize>) -> String {
     sha256([&bytes[..place.start], NO_SHA256.as_bytes(), &bytes[place.end..]])
 }

@@ -30,7 +30,6 @@ pub(crate) struct About {
     pub(crate) failed: Option<String>,
 }
 
-/// A run's directory and the paths in it.
 #[derive(Clone, Debug)]
 pub struct RunDir {
     path: PathBuf,
@@ -306,7 +305,6 @@ impl RunDir {
         path.parent() == Some(&self.tensorboard()) && path.file_name().is_some_and(has_prefix)
     }
 
-    /// Whether the run has event files of TensorBoard.
     pub(crate) fn has_events(&self) -> bool {
         let entries = fs::read_dir(self.tensorboard());
         entries.is_ok_and(|entries| entries.flatten().any(|entry| self.is_events(&entry.path())))
@@ -330,7 +328,6 @@ impl RunDir {
     }
 }
 
-/// A function for the path of each part of a run.
 macro_rules! paths {
     ($($function:ident: $name:ident in $above:ident),* $(,)?) => {$(
         #[doc = concat!("Where [`", stringify!($name), "`](super::names::", stringify!($name), ") is.")]

@@ -1,9 +1,7 @@
 //! Reads the events of a run from its `metrics.jsonl`.
 
 use std::io::{self, BufRead, BufReader, Read};
-use std::path::Path;
 
-use crate::files::open_ordinary;
 use crate::trainer::Event;
 
 /// Longest line that is read, in bytes; a line of `train` has a few hundred.
@@ -13,8 +11,8 @@ const MAX_LINE: u64 = 1 << 16;
 ///
 /// # Errors
 /// When the file cannot be read, a line is not an event, or the steps of an event are fewer than those before.
-pub(crate) fn read_events(path: &Path, mut take: impl FnMut(Event)) -> io::Result<()> {
-    let mut reader = BufReader::new(open_ordinary(path)?);
+pub(crate) fn read_events(path: &std::path::Path, mut take: impl FnMut(Event)) -> io::Result<()> {
+    let mut reader = BufReader::new(crate::files::open_ordinary(path)?);
     let (mut line, mut last_step) = (Vec::new(), 0);
     for number in 1.. {
         let bad = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("line {number} {what}"));

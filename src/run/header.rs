@@ -1,15 +1,11 @@
 //! What a checkpoint says of itself.
 
-use std::io;
-
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
 use super::{Checkpoint, CheckpointProblem};
-use crate::agent::{Greedy, Policy};
 use crate::config::Config;
-use crate::env::Spec;
 use crate::trainer::{Evaluation, Progress, Snapshot};
 
 /// The header of a checkpoint that a run has written.
@@ -43,7 +39,7 @@ pub(crate) fn config_of_checkpoint(config: &Config) -> Value {
 }
 
 impl Checkpoint {
-    pub fn of_run(config: &Config, snapshot: Snapshot) -> io::Result<Self> {
+    pub fn of_run(config: &Config, snapshot: Snapshot) -> std::io::Result<Self> {
         let Snapshot { env_steps, evaluation, progress, tensors } = snapshot;
         let mut header = json!(Header { env_steps, evaluation, config: config.clone(), progress });
         header["config"] = config_of_checkpoint(config);
@@ -56,14 +52,12 @@ impl Checkpoint {
 /// A policy that can be played, with the header of its file; a file of another program has none.
 #[derive(Clone, Debug)]
 pub struct SavedPolicy {
-    /// The policy as it is in the file.
-    pub policy: Policy,
+    pub policy: crate::agent::Policy,
     pub header: Option<Header>,
 }
 
 impl SavedPolicy {
-    /// The policy in a checkpoint, for a task.
-    pub fn of(checkpoint: &Checkpoint, spec: &Spec) -> Result<Self, CheckpointProblem> {
+    pub fn of(checkpoint: &Checkpoint, spec: &crate::env::Spec) -> Result<Self, CheckpointProblem> {
         let header = match checkpoint.header() {
             Err(CheckpointProblem::NoHeader) => None,
             header => Some(header?),
@@ -73,7 +67,7 @@ impl SavedPolicy {
 
     /// The greedy policy for up to `batch` observations at once. Every Q-value that a user sees comes from here, so that
     /// all of them are in units of the environment's rewards.
-    pub fn greedy(&self, batch: usize) -> Greedy {
+    pub fn greedy(&self, batch: usize) -> crate::agent::Greedy {
         let reward_scale = self.header.as_ref().map_or(1.0, |header| header.config.agent.reward_scale());
         self.policy.greedy(batch).with_reward_scale(reward_scale)
     }

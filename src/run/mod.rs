@@ -12,8 +12,6 @@ mod verify;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::config::ConfigError;
-use crate::env::EnvironmentError;
 use crate::text::shown;
 
 pub(crate) use checkpoint::CheckpointError;
@@ -28,26 +26,22 @@ pub use resume::load;
 pub(crate) use resume::{EndedRun, Resumed, Started, first_step, resume, start, start_again};
 pub(crate) use verify::{Extent, compare_files, compare_summaries, read_summary};
 
-/// Why a run cannot be made, opened or resumed.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The directory, or something in it, cannot be used.
     #[error("directory {} {problem}", shown(path))]
     Directory { path: PathBuf, problem: String },
     #[error("cannot write {}: {source}{hint}", shown(path))]
     Unwritable { path: PathBuf, source: io::Error, hint: &'static str },
-    /// Something was tried and failed.
     #[error("{0}")]
     Failed(String),
-    /// Something that the user gave cannot be used here.
     #[error("{0}")]
     BadInput(String),
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
     #[error(transparent)]
-    Config(#[from] ConfigError),
+    Config(#[from] crate::config::ConfigError),
     #[error(transparent)]
-    Environment(#[from] EnvironmentError),
+    Environment(#[from] crate::env::EnvironmentError),
 }
 
 fn bad(path: &Path, problem: impl Into<String>) -> RunError {

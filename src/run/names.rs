@@ -1,10 +1,8 @@
 //! The names of the files in the directory of a run or a study: their one home.
 
-/// What a run writes into its directory.
 pub(crate) const CONFIG: &str = "config.json";
 /// What the run was started as, and whether it has failed.
 pub(crate) const ABOUT: &str = "run.json";
-/// One event a line.
 pub(crate) const METRICS: &str = "metrics.jsonl";
 /// A table of events that earlier versions wrote.
 pub(crate) const PROGRESS: &str = "progress.csv";

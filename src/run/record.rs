@@ -3,23 +3,18 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-
 use super::checkpoint::MAX_FILE_SIZE;
 use super::{Checkpoint, RunDir};
-use crate::config::Config;
 use crate::files::read_limited;
-use crate::nn::kernels;
-use crate::sink::JsonLines;
 use crate::tensors::sha256;
 use crate::trainer::{self, CheckpointKind, EndReason, Event, Observer, Summary, Trainer};
 
 /// Keeps a run in its directory. As long as the recorder is there, no other process can change the run.
 pub(crate) struct Recorder {
     pub(super) dir: RunDir,
-    pub(super) config: Config,
+    pub(super) config: crate::config::Config,
     /// It goes on after the events that are in them.
-    pub(super) metrics: JsonLines,
+    pub(super) metrics: crate::sink::JsonLines,
 }
 
 impl Observer for Recorder {
@@ -42,13 +37,12 @@ impl Observer for Recorder {
     }
 }
 
-/// The error with the name of its file.
 fn named(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("cannot write {}: {error}", path.display()))
 }
 
 /// `summary.json`: the summary of a run, and what it takes to repeat the run.
-#[derive(Serialize)]
+#[derive(serde::Serialize)]
 pub(crate) struct RunRecord {
     #[serde(flatten)]
     pub(crate) summary: Summary,
@@ -62,7 +56,6 @@ pub(crate) struct RunRecord {
     version: &'static str,
     /// None where the program was not built from a clone; `-dirty` behind it if from changed files.
     git_revision: Option<&'static str>,
-    /// The instruction set of the kernels.
     cpu_path: &'static str,
 }
 
@@ -79,7 +72,7 @@ impl RunRecord {
             config_sha256: sha256_of(run.config()),
             version: env!("CARGO_PKG_VERSION"),
             git_revision: option_env!("CARTPOLE_DQN_REVISION"),
-            cpu_path: kernels::InstructionSet::current().name(),
+            cpu_path: crate::nn::kernels::InstructionSet::current().name(),
         }
     }
 }

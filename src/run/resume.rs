@@ -16,12 +16,10 @@ use crate::nn::LearningRate;
 use crate::text::shown;
 use crate::trainer::{Budget, EndReason, Observer, ResumeError, TrainError, Trainer};
 
-/// A run that can be trained.
 pub(crate) struct Started {
     pub(crate) dir: RunDir,
     pub config: Config,
     pub(crate) trainer: Trainer,
-    /// Keeps it in its directory.
     pub(crate) recorder: Recorder,
     /// Notes for the user; nothing has failed.
     pub(crate) notes: Vec<String>,
@@ -67,7 +65,6 @@ pub(crate) fn start(
     Ok(Started { dir, config: config.clone(), trainer, recorder, notes: Vec::new() })
 }
 
-/// Makes a directory for the repetition of a run.
 pub(crate) fn start_again(
     path: &Path,
     config: &Config,

@@ -1,6 +1,5 @@
 //! Compares a run with its repetition.
 
-use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 
@@ -10,18 +9,15 @@ use super::checkpoint::MAX_FILE_SIZE;
 use super::names::{BEST, LAST, METRICS, PREVIOUS};
 use super::{Checkpoint, Header, RunDir, RunError, RunRecord, bad};
 use crate::config::{MAX_BYTES, difference};
-use crate::files::{open_ordinary, read_limited, read_text_limited};
-use crate::tensors::sha256;
+use crate::files::{if_there, open_ordinary, read_limited, read_text_limited};
 
 /// Bytes of a line that are compared at a time, and characters that are shown.
 const MAX_LINE: u64 = 1 << 20;
 const SHOWN: usize = 300;
 
-/// How far a run is compared.
 pub(crate) struct Extent {
     /// None: to its end.
     pub env_steps: Option<u64>,
-    /// Lines of the metrics.
     pub(crate) lines: u64,
 }
 
@@ -58,7 +54,7 @@ pub(crate) fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Re
 /// The first of so many lines that differs.
 fn compare_lines(recorded: &Path, repeated: &Path, count: u64) -> Result<Option<String>, RunError> {
     let open = |path| open_ordinary(path).map(BufReader::new).map_err(failed);
-    let line = |file: &mut BufReader<File>| {
+    let line = |file: &mut BufReader<std::fs::File>| {
         let mut line = Vec::new();
         file.take(MAX_LINE).read_until(b'\n', &mut line).map(|_| line).map_err(failed)
     };
@@ -100,10 +96,8 @@ pub(crate) fn read_summary(run: &RunDir) -> Result<Value, RunError> {
         ("init_sha256", run.init(), MAX_FILE_SIZE),
     ];
     for (field, path, max_bytes) in files {
-        let found = match read_limited(&path, max_bytes) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Value::Null,
-            read => json!(sha256([read.map_err(failed)?])),
-        };
+        let bytes = if_there(read_limited(&path, max_bytes)).map_err(failed)?;
+        let found = json!(bytes.map(|bytes| crate::tensors::sha256([bytes])));
         if summary[field] != found {
             return Err(RunError::Failed(format!(
                 "{} does not agree: the SHA-256 of its {} is {found}, and summary.json says {}",

@@ -14,7 +14,6 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use crc::{CRC_32_ISCSI, Crc};
 
 use super::TENSORBOARD_PREFIX;
-use crate::files::Directory;
 use crate::trainer::{Event, Observer};
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
@@ -34,7 +33,7 @@ pub(crate) struct TensorBoard {
 impl TensorBoard {
     /// Creates a new file in a directory, which is made if it is missing, for a run that has made `env_steps` steps.
     pub fn create(
-        directory: &Directory,
+        directory: &crate::files::Directory,
         path: &Path,
         env_steps: u64,
         learning_rate: impl Fn(u64) -> f64 + 'static,

@@ -2,14 +2,11 @@
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
-use std::thread;
 
 use super::store::{CHECKPOINT, TrialWriter};
 use super::{Study, StudyDir, StudyError, Trial, Unended};
-use crate::config::Config;
-use crate::env::Make;
 
-pub(crate) type MakeFor = dyn Fn(&Config) -> Arc<Make> + Sync;
+pub(crate) type MakeFor = dyn Fn(&crate::config::Config) -> Arc<crate::env::Make> + Sync;
 
 impl StudyDir {
     /// Runs these trials on `jobs` threads, in the environments that `make` gives for the configs, and shows each to `done` when it
@@ -29,7 +26,7 @@ impl StudyDir {
         let mut writer = TrialWriter::new(self)?;
         let next = AtomicUsize::new(0);
         let (sender, finished) = mpsc::channel();
-        thread::scope(|scope| {
+        std::thread::scope(|scope| {
             for _ in 0..jobs.min(trials.len()) {
                 let sender = sender.clone();
                 scope.spawn(|| {

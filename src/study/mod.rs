@@ -8,7 +8,6 @@ mod plan;
 mod store;
 mod trial;
 
-use std::fmt::Display;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -31,7 +30,7 @@ pub enum StudyError {
 }
 
 impl StudyError {
-    fn directory(path: &Path, problem: impl Display) -> Self {
+    fn directory(path: &Path, problem: impl std::fmt::Display) -> Self {
         Self::Unusable(format!("directory {} {problem}", shown(path)))
     }
 

@@ -1,7 +1,6 @@
 //! The plan of a study: which configs are trained with which seeds. Its file is `study.json`.
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::io;
 use std::ops::Range;
 use std::path::Path;
@@ -12,10 +11,9 @@ use serde_json::{Value, json};
 
 use super::StudyError;
 use crate::config::{Config, difference};
-use crate::env::{EnvironmentError, Spec};
-use crate::files::{Directory, create_directories, is_unfinished, read_text_limited, remove_empty};
+use crate::env::{Answer, Spec};
+use crate::files::{Directory, create_directories, if_there, is_unfinished, read_text_limited, remove_empty};
 use crate::run::names::MANIFEST;
-use crate::text::excerpt;
 
 pub const FORMAT_VERSION: u32 = 2;
 /// Most seeds of a study: a mistyped number must not fill the memory.
@@ -45,7 +43,7 @@ pub struct NamedConfig {
 }
 
 impl NamedConfig {
-    pub fn new(name: String, config: Config) -> Result<Self, EnvironmentError> {
+    pub fn new(name: String, config: Config) -> Answer<Self> {
         Ok(Self { name, task: config.environment.spec()?, config })
     }
 
@@ -113,7 +111,7 @@ impl Study {
             return Err(bad(not_a_study(&"it has no config, or one without a name, or two of one name")));
         }
         if let Some(named) = study.configs.iter().find(|named| !named.has_its_own_task()) {
-            let name = excerpt(&named.name, 100);
+            let name = crate::text::excerpt(&named.name, 100);
             return Err(bad(not_a_study(&format!("the task of `{name}` is not that of its environment"))));
         }
         let Range { start, end } = study.seeds;
@@ -206,12 +204,10 @@ fn read_manifest(path: &Path) -> Result<Value, String> {
 
 /// Whether a new study can take the directory; an error if neither that nor a study is in it.
 fn is_free(path: &Path) -> Result<bool, String> {
-    let entries = match fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
-        Err(error) => return Err(format!("cannot be used for a study: {error}; choose another --out")),
-        Ok(entries) => entries,
-    };
-    if entries.iter().all(|entry| is_unfinished(&entry.file_name())) {
+    let entries = if_there(std::fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>));
+    let entries =
+        entries.map_err(|error| format!("cannot be used for a study: {error}; choose another --out"))?;
+    if entries.iter().flatten().all(|entry| is_unfinished(&entry.file_name())) {
         Ok(true)
     } else if path.join(MANIFEST).is_file() {
         Ok(false)

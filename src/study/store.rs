@@ -12,8 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::{Study, StudyError, Trial, TrialSummary};
-use crate::files::{Directory, open_ordinary, random_name, read_text_limited};
-use crate::os::host_name;
+use crate::files::{Directory, if_there, open_ordinary, random_name, read_text_limited};
 use crate::run::names::MANIFEST;
 use crate::text::shown;
 
@@ -23,7 +22,6 @@ const EXTENSION: &str = "jsonl";
 pub(super) const CHECKPOINT: &str = "safetensors";
 const REASON: &str = "txt";
 const MAX_REASON: u64 = 1 << 16;
-/// Longest line that is read, in bytes.
 const MAX_LINE: u64 = 1 << 26;
 const BUFFER: usize = 1 << 18;
 /// Longest time between two fsyncs; a power cut loses at most these trials.
@@ -43,7 +41,6 @@ pub struct StudyDir {
 
 #[derive(Debug)]
 pub struct Finished {
-    /// Index of its config.
     pub config: usize,
     pub(crate) trial: Trial<TrialSummary>,
 }
@@ -165,10 +162,8 @@ impl StudyDir {
         let trials = self.path.join(TRIALS);
         let paths =
             fs::read_dir(&trials).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
-        let mut files: Vec<PathBuf> = match paths {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
-            paths => paths.map_err(|error| StudyError::unreadable(&trials, &error))?,
-        };
+        let paths = if_there(paths).map_err(|error| StudyError::unreadable(&trials, &error))?;
+        let mut files: Vec<PathBuf> = paths.unwrap_or_default();
         files.retain(|path| path.extension().is_some_and(|extension| extension == EXTENSION));
         files.sort();
         let names = self.study.configs.iter().enumerate();
@@ -211,11 +206,8 @@ impl Reader<'_> {
     fn read(&mut self, file: usize, each: &mut Each) -> Result<(), StudyError> {
         let path = self.files[file].clone();
         let unreadable = |error: io::Error| StudyError::unreadable(&path, &error);
-        let opened = match open_ordinary(&path) {
-            // A process that had nothing to write has removed its file.
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-            opened => opened.map_err(unreadable)?,
-        };
+        // A process that had nothing to write has removed its file.
+        let Some(opened) = if_there(open_ordinary(&path)).map_err(unreadable)? else { return Ok(()) };
         let mut reader = BufReader::with_capacity(BUFFER, opened);
         let (mut line, mut place) = (Vec::new(), 0);
         for number in 1.. {
@@ -290,7 +282,6 @@ impl Reader<'_> {
     }
 }
 
-/// The file of a process, to which it appends the trials that it has finished.
 pub(super) struct TrialWriter {
     directory: Directory,
     path: PathBuf,
@@ -303,7 +294,7 @@ impl TrialWriter {
     /// A new file, of a name that no other process has.
     pub(super) fn new(study_dir: &StudyDir) -> Result<Self, StudyError> {
         let trials = study_dir.path.join(TRIALS);
-        let host = host_name().replace(|c: char| !c.is_alphanumeric(), "_");
+        let host = crate::os::host_name().replace(|c: char| !c.is_alphanumeric(), "_");
         let directory = study_dir.directory.clone();
         let path = trials.join(format!("{host}-{}-{}.{EXTENSION}", std::process::id(), random_name()));
         let new = directory.create_dir(&trials).and_then(|_| directory.create_file(&path));

@@ -9,13 +9,10 @@ use std::sync::atomic::AtomicBool;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::NamedConfig;
-use crate::agent::Policy;
 use crate::config::Config;
 use crate::env::{Make, Spec};
 use crate::files::Directory;
 use crate::run::Checkpoint;
-use crate::text::shown;
 use crate::trainer::{
     CheckpointKind, DueCheckpoint, EndReason, Evaluation, Event, Observer, Progress, ResumeError, SCORE_SEED,
     Score, Snapshot, TrainError, Trainer, evaluate, lasts,
@@ -114,7 +111,7 @@ impl Trial {
     /// Trains the config with the seed and scores what it came to. The file at `place` has the newest checkpoint of a try
     /// that did not end, and this one resumes it.
     pub(super) fn run(
-        named: &NamedConfig,
+        named: &super::NamedConfig,
         make: Arc<Make>,
         seed: u64,
         lasting: bool,
@@ -150,7 +147,7 @@ impl Trial {
             Err(error) => return Err(error.into()),
         };
         let progress = trainer.progress();
-        let score = |policy: &Policy, Evaluation { env_steps, .. }| -> Result<_, TrainError> {
+        let score = |policy: &crate::agent::Policy, Evaluation { env_steps, .. }| -> Result<_, TrainError> {
             let max_steps = trainer.spec().max_steps;
             let played = evaluate(policy, &*make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
             let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
@@ -217,7 +214,7 @@ impl Keeper<'_> {
         let made = path.parent().map_or(Ok(false), |parent| directory.create_dir(parent));
         let written = made.and_then(|_| checkpoint.write_in(directory, path, None));
         written.map_err(|error| {
-            io::Error::new(error.kind(), format!("cannot write {}: {error}", shown(path)))
+            io::Error::new(error.kind(), format!("cannot write {}: {error}", crate::text::shown(path)))
         })?;
         self.is_kept = true;
         Ok(())

@@ -1,7 +1,7 @@
 //! The training episode that is being played.
 
 use super::ResumeError;
-use crate::env::{Environment, EnvironmentError, Outcome, Start};
+use crate::env::{Answer, Environment, Outcome, Start};
 use crate::rng::{Rng, Stream};
 use crate::tensors::{TensorError, Tensors};
 
@@ -16,7 +16,6 @@ pub(super) struct TrainingEpisode {
     actions: Vec<u8>,
     /// An action of the agent that the environment has not carried out, because it failed before the run was resumed.
     pending: Option<usize>,
-    /// What the agent sees.
     pub(super) observation: Vec<f32>,
     /// What it sees after the latest step, until [`Self::advance`].
     pub(super) next_observation: Vec<f32>,
@@ -24,7 +23,7 @@ pub(super) struct TrainingEpisode {
 
 impl TrainingEpisode {
     /// The first episode of a run with this seed.
-    pub(super) fn first(environment: Box<dyn Environment>, seed: u64) -> Result<Self, EnvironmentError> {
+    pub(super) fn first(environment: Box<dyn Environment>, seed: u64) -> Answer<Self> {
         let observation = vec![0.0; environment.spec().observation_size];
         let rng = Rng::spawn(seed, Stream::Environment);
         let (start, next_observation) = (rng.clone(), observation.clone());
@@ -41,8 +40,7 @@ impl TrainingEpisode {
         Ok(episode)
     }
 
-    /// Begins the next episode.
-    pub(super) fn reset(&mut self) -> Result<(), EnvironmentError> {
+    pub(super) fn reset(&mut self) -> Answer<()> {
         self.start = self.rng.clone();
         self.actions.clear();
         self.environment.reset(Start::Stream(&mut self.rng), &mut self.observation)
@@ -54,7 +52,7 @@ impl TrainingEpisode {
     }
 
     /// One step. If the environment fails, a checkpoint holds the action too.
-    pub(super) fn step(&mut self, action: usize) -> Result<Outcome, EnvironmentError> {
+    pub(super) fn step(&mut self, action: usize) -> Answer<Outcome> {
         self.actions.push(action as u8);
         self.environment.step(action, &mut self.next_observation)
     }

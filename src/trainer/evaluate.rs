@@ -1,17 +1,11 @@
 //! Plays episodes without learning, and scores their returns.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::thread;
 
-use serde::Serialize;
-
-use super::EVALUATION_SEED;
 use crate::agent::{Actor, Greedy, Played, Policy, Probes, Random};
-use crate::env::scene::Scene;
-use crate::env::{Environment, EnvironmentError, Make, Outcome, Start};
+use crate::env::{Answer, Environment, EnvironmentError, Make, Outcome, Start};
 use crate::rng::{Rng, Stream};
 
 /// Most episodes that are played at the same time.
@@ -34,7 +28,7 @@ pub fn evaluate(
     first_seed: u64,
     episodes: u64,
     gamma: f64,
-) -> Result<Vec<Played>, EnvironmentError> {
+) -> Answer<Vec<Played>> {
     Play { policy, make, max_steps, gamma, is_test: false }.episodes(first_seed, episodes)
 }
 
@@ -44,13 +38,12 @@ pub fn evaluate(
 /// From every second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by
 /// itself reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of
 /// the evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
-pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Result<bool, EnvironmentError> {
+pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Answer<bool> {
     let test = Play { policy, make, max_steps: steps, gamma: 1.0, is_test: true };
-    let played = test.episodes(EVALUATION_SEED, LASTING_EPISODES)?;
+    let played = test.episodes(super::EVALUATION_SEED, LASTING_EPISODES)?;
     Ok(played.iter().all(|episode| !episode.terminated && episode.steps >= u64::from(steps)))
 }
 
-/// What episodes are played with.
 struct Play<'a> {
     policy: &'a Policy,
     make: &'a Make,
@@ -66,7 +59,7 @@ impl Play<'_> {
     }
 
     /// Plays `episodes` episodes, from the seed `first_seed` and those after it.
-    fn episodes(&self, first_seed: u64, episodes: u64) -> Result<Vec<Played>, EnvironmentError> {
+    fn episodes(&self, first_seed: u64, episodes: u64) -> Answer<Vec<Played>> {
         let some = |episodes: Range<u64>| self.lockstep(episodes.map(|i| first_seed.wrapping_add(i)));
         if let Some(processes) = (self.make)(self.max_steps)?.processes() {
             return self.in_processes(processes, episodes, |i| Ok(some(i..i + 1)?.remove(0)));
@@ -83,10 +76,10 @@ impl Play<'_> {
         &self,
         processes: usize,
         episodes: u64,
-        play: impl Fn(u64) -> Result<Played, EnvironmentError> + Sync,
-    ) -> Result<Vec<Played>, EnvironmentError> {
+        play: impl Fn(u64) -> Answer<Played> + Sync,
+    ) -> Answer<Vec<Played>> {
         let next = AtomicU64::new(0);
-        let ended = Mutex::new(BTreeMap::new());
+        let ended = Mutex::new(std::collections::BTreeMap::new());
         let play_on = || {
             while let episode = next.fetch_add(1, Ordering::Relaxed)
                 && episode < episodes
@@ -98,7 +91,7 @@ impl Play<'_> {
                 ended.lock().unwrap_or_else(PoisonError::into_inner).insert(episode, played);
             }
         };
-        thread::scope(|scope| {
+        std::thread::scope(|scope| {
             (1..processes.min(episodes as usize)).for_each(|_| drop(scope.spawn(play_on)));
             play_on();
         });
@@ -113,7 +106,7 @@ impl Play<'_> {
         Ok(all)
     }
 
-    fn lockstep(&self, seeds: impl Iterator<Item = u64>) -> Result<Vec<Played>, EnvironmentError> {
+    fn lockstep(&self, seeds: impl Iterator<Item = u64>) -> Answer<Vec<Played>> {
         let mut playing = Vec::new();
         for (index, seed) in seeds.enumerate() {
             let mut environment = (self.make)(self.max_steps)?;
@@ -150,7 +143,6 @@ impl Play<'_> {
     }
 }
 
-/// An episode that is being played.
 struct Playing {
     index: usize,
     environment: Box<dyn Environment>,
@@ -161,13 +153,7 @@ struct Playing {
 
 impl Playing {
     /// One step with the action at a place of the batch, or a random one.
-    fn step(
-        &mut self,
-        greedy: &Greedy,
-        place: usize,
-        discount: f64,
-        played: &mut Played,
-    ) -> Result<Outcome, EnvironmentError> {
+    fn step(&mut self, greedy: &Greedy, place: usize, discount: f64, played: &mut Played) -> Answer<Outcome> {
         let spec = self.environment.spec();
         let (num_actions, scored_steps) = (spec.num_actions as u64, u64::from(spec.max_steps));
         let disturbing = self.rng.as_mut().and_then(|rng| (rng.unit() <= LASTING_EPSILON).then_some(rng));
@@ -194,12 +180,10 @@ impl Played {
     }
 }
 
-/// A moment of an episode that is being played.
 pub(crate) struct Moment<'a> {
     pub(crate) environment: &'a mut dyn Environment,
     /// Steps before it.
     pub(crate) step: u64,
-    /// What the agent sees.
     pub observation: &'a [f32],
     /// What the step before it brought; none at the start.
     pub(crate) outcome: Option<Outcome>,
@@ -251,12 +235,10 @@ fn play_from<X: From<EnvironmentError>>(
     Ok(())
 }
 
-/// An episode that has been kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
     /// Every moment of it, the end included.
     pub(crate) frames: Vec<Frame>,
-    /// The undiscounted return.
     pub total: f64,
     pub terminated: bool,
 }
@@ -266,17 +248,12 @@ pub struct Recording {
 pub(crate) struct Frame {
     pub state: Vec<f64>,
     pub observation: Vec<f32>,
-    pub(crate) scene: Option<Scene>,
+    pub(crate) scene: Option<crate::env::scene::Scene>,
     pub action: Option<usize>,
     pub(crate) q_values: Vec<f32>,
 }
 
-/// Plays one episode of a policy and keeps it.
-pub fn record(
-    actor: &mut impl Actor,
-    environment: &mut dyn Environment,
-    seed: u64,
-) -> Result<Recording, EnvironmentError> {
+pub fn record(actor: &mut impl Actor, environment: &mut dyn Environment, seed: u64) -> Answer<Recording> {
     let mut recording = Recording { frames: Vec::new(), total: 0.0, terminated: false };
     play(actor, environment, seed, |moment| {
         let (state, scene) = (moment.state(), moment.environment.scene());
@@ -289,10 +266,8 @@ pub fn record(
     Ok(recording)
 }
 
-/// A summary of returns.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Score {
-    /// Number of returns, at least 1.
     pub episodes: u64,
     pub mean: f64,
     /// Their population standard deviation.
@@ -304,7 +279,6 @@ pub struct Score {
 }
 
 impl Score {
-    /// The score of at least one return.
     pub fn new(returns: &[f64]) -> Self {
         let count = returns.len() as f64;
         let mean = returns.iter().sum::<f64>() / count;
@@ -332,12 +306,11 @@ impl Score {
 
 /// Gymnasium seed of the first episode that gives probes.
 const PROBE_SEED: u64 = 3_000_000;
-/// Number of probes of each kind.
 const PROBES: usize = 128;
 
 /// Probes from episodes of the random policy: every observation is an ordinary one, and the last before a termination
 /// is doomed.
-pub(super) fn probes(make: &Make, max_steps: u32) -> Result<Probes, EnvironmentError> {
+pub(super) fn probes(make: &Make, max_steps: u32) -> Answer<Probes> {
     let mut probes = Probes::default();
     let mut environment = make(max_steps)?;
     let num_actions = environment.spec().num_actions;
@@ -345,7 +318,7 @@ pub(super) fn probes(make: &Make, max_steps: u32) -> Result<Probes, EnvironmentE
     for episode in 0..PROBES as u64 {
         let mut rng = Rng::from_seed(PROBE_SEED + episode);
         environment.reset(Start::Stream(&mut rng), &mut observation)?;
-        let (mut actor, mut before) = (Random::new(num_actions, rng), Vec::new());
+        let (mut actor, mut before) = (Random { num_actions, rng }, Vec::new());
         play_from(&mut actor, &mut *environment, &mut observation, |moment| {
             if moment.outcome.is_some_and(|outcome| outcome.terminated) {
                 probes.doomed.push(std::mem::take(&mut before));

@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::agent::NamedNumbers;
-
 /// Something that happened. No event holds a wall-clock time, so that equal runs write equal files. `env_steps` and `updates`
 /// (gradient steps) count from the start of the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -13,14 +11,11 @@ pub enum Event {
         env_steps: u64,
         /// Number of the episode, from 0.
         episode: u64,
-        /// Undiscounted sum of its rewards.
         #[serde(rename = "return")]
         return_: f64,
-        /// Its environment steps.
         length: u64,
         /// Mean return of the last 100 episodes, or of as many as there are.
         mean_return_100: f64,
-        /// ε after the episode.
         epsilon: f64,
         /// Mean loss of the learning steps during the episode; null if there were none.
         loss: Option<f64>,
@@ -38,7 +33,6 @@ pub enum Event {
         mean_length: f64,
         /// Whether none before is better, so that this policy became the best checkpoint.
         best: bool,
-        /// Whether the mean reached the task's threshold.
         solved: bool,
     },
     /// What learning looked like from inside at an evaluation, once the replay memory holds anything.
@@ -46,10 +40,14 @@ pub enum Event {
         env_steps: u64,
         /// See [`STATISTICS`](crate::agent::STATISTICS).
         #[serde(flatten)]
-        numbers: NamedNumbers,
+        numbers: crate::agent::NamedNumbers,
     },
-    /// The run ended.
-    End { env_steps: u64, episodes: u64, updates: u64, reason: EndReason },
+    End {
+        env_steps: u64,
+        episodes: u64,
+        updates: u64,
+        reason: EndReason,
+    },
 }
 
 impl Event {

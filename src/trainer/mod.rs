@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::agent::{Agent, NotFinite, Policy, Probes, Transition};
-use crate::env::{EnvironmentError, Make, Spec};
+use crate::env::{Answer, EnvironmentError, Make, Spec};
 use crate::tensors::{TensorError, Tensors};
 use episode::TrainingEpisode;
 
@@ -72,7 +72,6 @@ pub struct Snapshot {
     pub tensors: Tensors,
 }
 
-/// One run: an agent in an environment.
 pub struct Trainer {
     config: TrainerConfig,
     spec: Spec,
@@ -83,9 +82,7 @@ pub struct Trainer {
     best_policy: Option<Policy>,
     /// Whether an observer has saved it.
     best_is_saved: bool,
-    /// Environment steps before the latest checkpoint.
     saved_at: Option<u64>,
-    /// Made at the first evaluation.
     probes: Option<Probes>,
 }
 
@@ -95,7 +92,7 @@ impl Trainer {
         config: TrainerConfig,
         make_agent: impl FnOnce(&Spec) -> Box<dyn Agent>,
         make: Arc<Make>,
-    ) -> Result<Self, EnvironmentError> {
+    ) -> Answer<Self> {
         let environment = make(config.max_episode_steps)?;
         let spec = environment.spec().clone();
         let agent = make_agent(&spec);
@@ -221,7 +218,7 @@ impl Trainer {
 
     /// Whether a policy that solves the task is to end the run: the one evaluated before it solved the task too, and this one
     /// lasts. A last evaluation at a step at which a longer run would have none does not count.
-    fn ends_with(&self, policy: &Policy) -> Result<bool, EnvironmentError> {
+    fn ends_with(&self, policy: &Policy) -> Answer<bool> {
         let Progress { env_steps, last_evaluation, .. } = self.progress;
         let is_due = env_steps.is_multiple_of(self.config.evaluation.every_steps);
         let was_solved = last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean));

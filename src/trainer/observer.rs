@@ -30,12 +30,10 @@ impl DueCheckpoint<'_> {
     }
 }
 
-/// What a checkpoint is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CheckpointKind {
     /// The best policy so far, alone.
     Best,
-    /// The whole run.
     Last {
         /// Whether the one before is a periodic one, which is kept beside it. Otherwise what is kept would show where the run
         /// was interrupted.

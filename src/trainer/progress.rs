@@ -1,20 +1,15 @@
 //! The counters of a run, and its summary.
 
-use std::collections::VecDeque;
-
 use serde::{Deserialize, Serialize};
 
 use super::{Budget, EndReason, Event, Score};
 
-/// How many episodes the running mean return is over.
 const RECENT_EPISODES: usize = 100;
 
-/// The mean return of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Environment steps of the run before it.
     pub env_steps: u64,
-    /// Mean return.
     pub mean: f64,
 }
 
@@ -42,7 +37,7 @@ pub struct Progress {
     pub(super) episode_length: u64,
     /// Sum and number of the losses in this episode.
     losses: (f64, u64),
-    recent_returns: VecDeque<f64>,
+    recent_returns: std::collections::VecDeque<f64>,
 }
 
 impl Progress {
@@ -68,7 +63,6 @@ impl Progress {
         }
     }
 
-    /// Whether the run is already past this budget.
     pub(super) fn exceeds(&self, budget: Budget) -> bool {
         match budget {
             Budget::Steps(steps) => self.env_steps > steps,

@@ -16,17 +16,13 @@ pub struct TrainerConfig {
     pub stop_when_lasting_steps: Option<u32>,
 }
 
-/// When a run ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Budget {
-    /// After this many environment steps.
     Steps(u64),
-    /// After this many complete episodes.
     Episodes(u64),
 }
 
-/// The greedy evaluations during training.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {
@@ -34,7 +30,6 @@ pub struct EvaluationConfig {
     pub episodes: u64,
 }
 
-/// The periodic checkpoints.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CheckpointConfig {

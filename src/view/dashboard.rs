@@ -2,11 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use ratatui::Frame;
-use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::{Color, Stylize};
+use ratatui::prelude::{Color, Constraint, Frame, Layout, Line, Rect, Stylize};
 use ratatui::symbols::Marker;
-use ratatui::text::Line;
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LineGauge, Paragraph};
 
 use super::player::Player;

@@ -13,7 +13,6 @@ use super::dashboard::Dashboard;
 use super::pace::{Pace, Pacer, Shared};
 use super::{FRAME, NoView, Screen, is_quit};
 use crate::agent::Policy;
-use crate::env::Environment;
 use crate::trainer::{Budget, Event, Observer};
 
 /// A key that is held down is one wish to quit.
@@ -53,7 +52,7 @@ impl Live {
     /// restores the terminal and calls `end_process`.
     pub fn open(
         name: &str,
-        environment: Box<dyn Environment>,
+        environment: Box<dyn crate::env::Environment>,
         budget: Budget,
         env_steps: u64,
         pace: Pace,

@@ -11,18 +11,14 @@ mod watch;
 
 use std::io::{self, IsTerminal, stdout};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::thread;
 use std::time::Duration;
 
-use ratatui::crossterm::cursor::MoveTo;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::{self, Clear, ClearType, EnterAlternateScreen};
 use ratatui::layout::{Rect, Size};
-use ratatui::widgets::Paragraph;
 use ratatui::{DefaultTerminal, Frame, TerminalOptions, Viewport};
 
-use crate::env::EnvironmentError;
 use crate::text::width;
 
 pub(crate) use live::{Interrupts, Live};
@@ -66,7 +62,7 @@ pub(crate) enum NoView {
     #[error("the terminal has {} × {} characters, and {} × {} are needed; make it larger", .0.width, .0.height, SMALLEST.width, SMALLEST.height)]
     TooSmall(Size),
     #[error(transparent)]
-    Environment(#[from] EnvironmentError),
+    Environment(#[from] crate::env::EnvironmentError),
     #[error("the terminal cannot be used: {0}")]
     Terminal(#[from] io::Error),
 }
@@ -98,7 +94,7 @@ fn drawn_area((width, height): (u16, u16)) -> Rect {
 
 /// Clears the whole terminal. Some have no second screen for programs, and show a view over what was there.
 fn clear() -> io::Result<()> {
-    execute!(stdout(), Clear(ClearType::All), MoveTo(0, 0))
+    execute!(stdout(), Clear(ClearType::All), ratatui::crossterm::cursor::MoveTo(0, 0))
 }
 
 impl Screen {
@@ -115,7 +111,7 @@ impl Screen {
         clear()?;
         // In a thread of its own, which ends with the process: crossterm never returns once a terminal has gone away.
         let (sender, keys) = channel();
-        thread::Builder::new().name("keys".into()).spawn(move || {
+        std::thread::Builder::new().name("keys".into()).spawn(move || {
             while let Ok(event) = event::read() {
                 if let Event::Key(key) = event
                     && key.kind != KeyEventKind::Release
@@ -138,7 +134,7 @@ impl Screen {
         self.terminal.draw(|frame| match frame.area() {
             Rect { width, height, .. } if width < SMALLEST.width || height < SMALLEST.height => {
                 let text = format!("at least {} × {} characters", SMALLEST.width, SMALLEST.height);
-                frame.render_widget(Paragraph::new(text), frame.area());
+                frame.render_widget(ratatui::widgets::Paragraph::new(text), frame.area());
             }
             _ => content(frame),
         })?;

@@ -2,14 +2,11 @@
 
 use std::time::Duration;
 
-use ratatui::Frame;
-use ratatui::layout::Rect;
 use ratatui::text::Line;
 use ratatui::widgets::{Block, Paragraph};
 
 use crate::agent::{Actor, Greedy};
-use crate::draw::draw_braille;
-use crate::env::{Environment, EnvironmentError, Outcome, Spec, Start};
+use crate::env::{Answer, Environment, Outcome, Spec, Start};
 
 pub(super) const PUSH_STEPS: u32 = 3;
 
@@ -21,7 +18,6 @@ pub(super) struct Player {
     pub(super) seed: u64,
     pub(super) steps: u64,
     pub(super) total: f64,
-    /// What the policy chooses next.
     pub(super) action: usize,
     /// What it expects of each action, in units of the environment's rewards.
     pub(super) q_values: Vec<f32>,
@@ -38,11 +34,7 @@ pub(super) struct Player {
 }
 
 impl Player {
-    pub(super) fn new(
-        policy: Greedy,
-        environment: Box<dyn Environment>,
-        seed: u64,
-    ) -> Result<Self, EnvironmentError> {
+    pub(super) fn new(policy: Greedy, environment: Box<dyn Environment>, seed: u64) -> Answer<Self> {
         let mut player = Self {
             policy,
             observation: vec![0.0; environment.spec().observation_size],
@@ -68,7 +60,7 @@ impl Player {
         self.environment.spec()
     }
 
-    pub(super) fn start(&mut self, seed: u64) -> Result<(), EnvironmentError> {
+    pub(super) fn start(&mut self, seed: u64) -> Answer<()> {
         self.environment.reset(Start::Seed(seed), &mut self.observation)?;
         (self.seed, self.steps, self.total) = (seed, 0, 0.0);
         (self.push, self.pushed, self.end) = (None, false, None);
@@ -92,12 +84,7 @@ impl Player {
     }
 
     /// Lets time pass, at a multiple of the environment's speed. The end of an episode stays for `rest`.
-    pub(super) fn advance(
-        &mut self,
-        time: Duration,
-        speed: f64,
-        rest: Duration,
-    ) -> Result<(), EnvironmentError> {
+    pub(super) fn advance(&mut self, time: Duration, speed: f64, rest: Duration) -> Answer<()> {
         if self.end.is_some() {
             self.rested += time;
             return if self.rested >= rest { self.start(self.seed.wrapping_add(1)) } else { Ok(()) };
@@ -116,7 +103,7 @@ impl Player {
         self.pushed = true;
     }
 
-    pub(super) fn step(&mut self) -> Result<(), EnvironmentError> {
+    pub(super) fn step(&mut self) -> Answer<()> {
         if self.end.is_some() {
             return Ok(());
         }
@@ -134,9 +121,9 @@ impl Player {
     }
 
     /// Draws the environment, or its numbers if it has no picture, framed by `block`.
-    pub(super) fn draw(&self, frame: &mut Frame<'_>, area: Rect, block: Block<'_>) {
+    pub(super) fn draw(&self, frame: &mut ratatui::Frame<'_>, area: ratatui::layout::Rect, block: Block<'_>) {
         if let Some(scene) = self.environment.scene() {
-            draw_braille(frame, area, block, &scene);
+            crate::draw::draw_braille(frame, area, block, &scene);
             return;
         }
         let numbers = self.spec().observations.iter().zip(self.state());

@@ -1,19 +1,15 @@
 //! `watch`: an agent at play, with what it thinks of it.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use ratatui::Frame;
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
-use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::Stylize;
-use ratatui::text::{Line, Span};
+use ratatui::prelude::{Constraint, Frame, Layout, Line, Rect, Span, Stylize};
 use ratatui::widgets::{Block, Paragraph};
 
 use super::player::Player;
 use super::{FRAME, NoView, Screen, fitting, is_quit, whole};
 use crate::agent::Greedy;
-use crate::env::{Environment, EnvironmentError};
+use crate::env::{Answer, Environment};
 use crate::text::{shortened, width};
 
 /// Simulated time per time; 1 is the middle.
@@ -28,12 +24,12 @@ pub(crate) fn watch(
     environment: Box<dyn Environment>,
     name: &str,
     seed: u64,
-    stop: &AtomicBool,
+    stop: &std::sync::atomic::AtomicBool,
 ) -> Result<(), NoView> {
     let mut screen = Screen::open()?;
     let mut view = Watch::new(policy, environment, name, seed)?;
     let mut last = Instant::now();
-    while !stop.load(Ordering::Relaxed) {
+    while !stop.load(std::sync::atomic::Ordering::Relaxed) {
         screen.draw(|frame| view.draw(frame))?;
         let drawn = Instant::now();
         while let Some(key) = screen.key(FRAME.saturating_sub(drawn.elapsed()))? {
@@ -51,27 +47,21 @@ pub(crate) fn watch(
 struct Watch {
     name: String,
     player: Player,
-    /// Index of [`SPEEDS`].
     speed: usize,
     paused: bool,
 }
 
 impl Watch {
-    fn new(
-        policy: Greedy,
-        environment: Box<dyn Environment>,
-        name: &str,
-        seed: u64,
-    ) -> Result<Self, EnvironmentError> {
+    fn new(policy: Greedy, environment: Box<dyn Environment>, name: &str, seed: u64) -> Answer<Self> {
         let player = Player::new(policy, environment, seed)?;
         Ok(Self { name: name.into(), player, speed: SPEEDS.len() / 2, paused: false })
     }
 
-    fn advance(&mut self, time: Duration) -> Result<(), EnvironmentError> {
+    fn advance(&mut self, time: Duration) -> Answer<()> {
         if self.paused { Ok(()) } else { self.player.advance(time, SPEEDS[self.speed], REST) }
     }
 
-    fn press(&mut self, key: KeyEvent) -> Result<(), EnvironmentError> {
+    fn press(&mut self, key: KeyEvent) -> Answer<()> {
         match key.code {
             KeyCode::Left => self.player.push(0),
             KeyCode::Right => self.player.push(self.player.spec().num_actions - 1),

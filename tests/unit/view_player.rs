@@ -14,11 +14,11 @@ impl Environment for Unseen {
         self.0.spec()
     }
 
-    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
         self.0.reset(start, observation)
     }
 
-    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         self.0.step(action, observation)
     }
 }

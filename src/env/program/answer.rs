@@ -1,16 +1,12 @@
 //! The requests of the protocol, and what their answers mean.
 
 use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use serde::Deserialize;
 
 use super::super::{EnvironmentError, Image, Outcome, Spec};
 use super::Answer;
 use super::process::{MAX_ANSWER, Process, shortened};
-use crate::mirror::Mirror;
 
 const PROTOCOL: u64 = 1;
-/// Most pixels of a picture in each direction.
 const MAX_SIDE: u16 = 2048;
 /// Longest picture in bytes of base64.
 const MAX_FRAME: usize = 4 * MAX_SIDE as usize * MAX_SIDE as usize + 64;
@@ -18,7 +14,7 @@ const MAX_FRAME: usize = 4 * MAX_SIDE as usize * MAX_SIDE as usize + 64;
 const STEPS_PER_SECOND: f64 = 50.0;
 
 /// The answer to `hello`. Other keys are ignored.
-#[derive(Deserialize)]
+#[derive(serde::Deserialize)]
 struct Hello {
     protocol: u64,
     name: String,
@@ -30,7 +26,7 @@ struct Hello {
     steps_per_second: Option<f64>,
     action_names: Option<Vec<String>>,
     observation_names: Option<Vec<String>>,
-    mirror: Option<Mirror>,
+    mirror: Option<crate::mirror::Mirror>,
 }
 
 impl Hello {
@@ -127,7 +123,6 @@ impl Process {
         image.map(Some)
     }
 
-    /// The answer to a request, unless it is an error.
     fn answer(&mut self, request: &str, max_bytes: usize) -> Answer<String> {
         let line = self.ask(request, max_bytes)?;
         match line.strip_prefix("error") {
@@ -193,7 +188,7 @@ fn read_frame(line: &str) -> Option<Image> {
     let (frame, width, height, pixels) = (words.next()?, words.next()?, words.next()?, words.next()?);
     let side = |word: &str| word.parse().ok().filter(|side| (1..=MAX_SIDE).contains(side));
     let (width, height) = (side(width)?, side(height)?);
-    let rgb = STANDARD.decode(pixels).ok()?;
+    let rgb = base64::engine::general_purpose::STANDARD.decode(pixels).ok()?;
     let is_whole = rgb.len() == 3 * usize::from(width) * usize::from(height);
     (frame == "frame" && words.next().is_none() && is_whole).then_some(Image { width, height, rgb })
 }

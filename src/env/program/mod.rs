@@ -4,12 +4,10 @@
 mod answer;
 mod process;
 
-use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-use super::{Environment, EnvironmentError, Image, Outcome, Spec, Start};
-use crate::text::{excerpt, shell_line};
+use super::{Answer, Environment, EnvironmentError, Image, Outcome, Spec, Start};
 use process::Process;
 
 /// The program of the repository that a shipped config names.
@@ -18,8 +16,6 @@ const ADAPTER: &str = "adapters/gymnasium.py";
 /// Takes the name of a program and a line of its standard error. Returns whether somebody has seen the line: the others are
 /// repeated when the program fails.
 pub(crate) type ShowLine = fn(&str, &str) -> bool;
-
-type Answer<T> = Result<T, EnvironmentError>;
 
 /// Starts a program as often as is needed, and keeps the processes that nobody uses for later.
 pub struct Programs {
@@ -61,9 +57,9 @@ impl Programs {
         if let (Some(process), Some(task)) = (idle, self.task.get()) {
             return Ok((process, Arc::clone(task)));
         }
-        if self.command.iter().any(|word| word == ADAPTER) && !Path::new(ADAPTER).exists() {
+        if self.command.iter().any(|word| word == ADAPTER) && !std::path::Path::new(ADAPTER).exists() {
             return Err(EnvironmentError::new(
-                &excerpt(&shell_line(&self.command), 200),
+                &crate::text::excerpt(&crate::text::shell_line(&self.command), 200),
                 &format!(
                     "the current directory has no {ADAPTER}, which is part of the repository. Type the command in a clone, or \
                      give the file's whole path with --set 'environment={{\"command\":[…]}}'"
@@ -116,7 +112,7 @@ impl Environment for Program {
         &self.spec
     }
 
-    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Result<(), EnvironmentError> {
+    fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
         let seed = match start {
             Start::Seed(seed) => seed,
             // Many languages have no larger integers.
@@ -125,11 +121,11 @@ impl Environment for Program {
         self.with(|process| process.reset(seed, observation))
     }
 
-    fn step(&mut self, action: usize, observation: &mut [f32]) -> Result<Outcome, EnvironmentError> {
+    fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
         self.with(|process| process.step(action, observation))
     }
 
-    fn image(&mut self) -> Result<Option<Image>, EnvironmentError> {
+    fn image(&mut self) -> Answer<Option<Image>> {
         self.with(Process::render)
     }
 

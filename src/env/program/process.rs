@@ -16,21 +16,18 @@ use crate::text::{excerpt, shell_line, visible};
 pub(super) const MAX_ANSWER: usize = 1 << 20;
 /// Longest line of standard error in bytes. A longer one is shown in parts.
 const MAX_ERROR_LINE: u64 = 1 << 12;
-/// Lines of standard error that a message shows.
 const LAST_LINES: usize = 5;
 /// How long a process has for its end, first after the end of its standard input and then after SIGTERM.
 const GRACE: Duration = Duration::from_secs(1);
 
 /// A running program. It is in a process group of its own, which ends with this value, and also when our process is killed.
 pub(super) struct Process {
-    /// The command, for messages.
     name: String,
     timeout: Duration,
     child: Child,
     guard: Option<Child>,
     /// None once the process is to end.
     pipes: Option<(ChildStdin, ChildStdout)>,
-    /// What has been read and is not used yet.
     buffer: Vec<u8>,
     errors: JoinHandle<()>,
     last_lines: Arc<Mutex<VecDeque<String>>>,
@@ -63,7 +60,6 @@ impl Process {
         Ok(Self { name, timeout, child, guard, pipes, buffer, errors, last_lines, is_checked: false })
     }
 
-    /// Writes a request and reads its answer, one line of at most `max_bytes`.
     pub(super) fn ask(&mut self, request: &str, max_bytes: usize) -> Answer<String> {
         if self.is_readable(Duration::ZERO) && self.read().is_ok_and(|count| count > 0) {
             let line = shortened(&String::from_utf8_lossy(&self.buffer));
@@ -219,7 +215,6 @@ fn relay(pipe: ChildStderr, name: &str, show: ShowLine, kept: &Mutex<VecDeque<St
 /// Characters of a foreign text in a message.
 const LENGTH: usize = 200;
 
-/// The start of a text, for a message.
 pub(super) fn shortened(text: &str) -> String {
     excerpt(text, LENGTH)
 }

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::vector::{Vector, arithmetic};
+use super::vector::{Vector, register};
 
 /// 8 numbers, by AVX2 and FMA.
 #[derive(Clone, Copy)]
@@ -30,24 +30,9 @@ unsafe impl Vector for Avx2 {
     const REGISTERS: usize = 15;
 
     #[inline(always)]
-    unsafe fn splat(value: f32) -> Self {
-        // SAFETY: the CPU has AVX2.
-        Self(unsafe { _mm256_set1_ps(value) })
-    }
-    #[inline(always)]
-    unsafe fn load(source: *const f32) -> Self {
-        // SAFETY: the CPU has AVX2, and `source` is valid for 8 reads.
-        Self(unsafe { _mm256_loadu_ps(source) })
-    }
-    #[inline(always)]
     unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
         // SAFETY: the CPU has AVX2, and `source` is valid for `lanes` < 8 reads.
         Self(unsafe { _mm256_maskload_ps(source, avx2_mask(lanes)) })
-    }
-    #[inline(always)]
-    unsafe fn store(self, target: *mut f32) {
-        // SAFETY: `target` is valid for 8 writes.
-        unsafe { _mm256_storeu_ps(target, self.0) }
     }
     /// Stores four numbers, then two, then one, as `lanes` is made up. Some CPUs run a masked store as slow
     /// microcode.
@@ -69,7 +54,10 @@ unsafe impl Vector for Avx2 {
             }
         }
     }
-    arithmetic! {
+    register! {
+        splat(value) = _mm256_set1_ps(value);
+        load(source) = _mm256_loadu_ps(source);
+        store(self, target) = _mm256_storeu_ps(target, self.0);
         mul(self, factor) = _mm256_mul_ps(self.0, factor.0);
         div(self, divisor) = _mm256_div_ps(self.0, divisor.0);
         sqrt(self) = _mm256_sqrt_ps(self.0);
@@ -86,42 +74,33 @@ unsafe impl Vector for Avx2 {
     }
 
     const BLOCK: usize = 8;
+    /// Interleaves rows in pairs, then pairs of pairs, and then joins the halves.
     #[inline(always)]
     unsafe fn transpose_block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
-        // SAFETY: the caller vouches for AVX2 and for both squares.
-        unsafe { transpose_8x8(from, from_stride, to, to_stride) }
-    }
-}
-
-/// Interleaves rows in pairs, then pairs of pairs, and then joins the halves.
-///
-/// # Safety
-/// As for [`Vector::transpose_block`] with a `BLOCK` of 8, on a CPU with AVX2.
-#[inline(always)]
-pub(super) unsafe fn transpose_8x8(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
-    // SAFETY: the caller vouches for AVX2, for 8 rows of 8 numbers in `from`, and for as many in `to`.
-    unsafe {
-        let rows: [__m256; 8] = std::array::from_fn(|row| _mm256_loadu_ps(from.add(row * from_stride)));
-        let pairs: [__m256; 8] = std::array::from_fn(|i| {
-            let (a, b) = (rows[i / 2 * 2], rows[i / 2 * 2 + 1]);
-            if i % 2 == 0 { _mm256_unpacklo_ps(a, b) } else { _mm256_unpackhi_ps(a, b) }
-        });
-        let fours: [__m256; 8] = std::array::from_fn(|i| {
-            let (a, b) = (pairs[i / 4 * 4 + i % 4 / 2], pairs[i / 4 * 4 + i % 4 / 2 + 2]);
-            if i % 2 == 0 {
-                _mm256_shuffle_ps::<0b01_00_01_00>(a, b)
-            } else {
-                _mm256_shuffle_ps::<0b11_10_11_10>(a, b)
+        // SAFETY: the caller vouches for AVX2, for 8 rows of 8 numbers in `from`, and for as many in `to`.
+        unsafe {
+            let rows: [__m256; 8] = std::array::from_fn(|row| _mm256_loadu_ps(from.add(row * from_stride)));
+            let pairs: [__m256; 8] = std::array::from_fn(|i| {
+                let (a, b) = (rows[i / 2 * 2], rows[i / 2 * 2 + 1]);
+                if i % 2 == 0 { _mm256_unpacklo_ps(a, b) } else { _mm256_unpackhi_ps(a, b) }
+            });
+            let fours: [__m256; 8] = std::array::from_fn(|i| {
+                let (a, b) = (pairs[i / 4 * 4 + i % 4 / 2], pairs[i / 4 * 4 + i % 4 / 2 + 2]);
+                if i % 2 == 0 {
+                    _mm256_shuffle_ps::<0b01_00_01_00>(a, b)
+                } else {
+                    _mm256_shuffle_ps::<0b11_10_11_10>(a, b)
+                }
+            });
+            for column in 0..8 {
+                let (a, b) = (fours[column % 4], fours[column % 4 + 4]);
+                let eight = if column < 4 {
+                    _mm256_permute2f128_ps::<0x20>(a, b)
+                } else {
+                    _mm256_permute2f128_ps::<0x31>(a, b)
+                };
+                _mm256_storeu_ps(to.add(column * to_stride), eight);
             }
-        });
-        for column in 0..8 {
-            let (a, b) = (fours[column % 4], fours[column % 4 + 4]);
-            let eight = if column < 4 {
-                _mm256_permute2f128_ps::<0x20>(a, b)
-            } else {
-                _mm256_permute2f128_ps::<0x31>(a, b)
-            };
-            _mm256_storeu_ps(to.add(column * to_stride), eight);
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use std::arch::x86_64::*;
 
-use super::avx2::{Avx2, transpose_8x8};
-use super::vector::{Vector, arithmetic};
+use super::avx2::Avx2;
+use super::vector::{Vector, register};
 
 /// 16 numbers, by AVX-512F.
 #[derive(Clone, Copy)]
@@ -26,31 +26,19 @@ unsafe impl Vector for Avx512 {
     const REGISTERS: usize = 31;
 
     #[inline(always)]
-    unsafe fn splat(value: f32) -> Self {
-        // SAFETY: the CPU has AVX-512F.
-        Self(unsafe { _mm512_set1_ps(value) })
-    }
-    #[inline(always)]
-    unsafe fn load(source: *const f32) -> Self {
-        // SAFETY: the CPU has AVX-512F, and `source` is valid for 16 reads.
-        Self(unsafe { _mm512_loadu_ps(source) })
-    }
-    #[inline(always)]
     unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
         // SAFETY: the CPU has AVX-512F, and `source` is valid for `lanes` reads.
         Self(unsafe { _mm512_maskz_loadu_ps(avx512_mask(lanes), source) })
-    }
-    #[inline(always)]
-    unsafe fn store(self, target: *mut f32) {
-        // SAFETY: `target` is valid for 16 writes.
-        unsafe { _mm512_storeu_ps(target, self.0) }
     }
     #[inline(always)]
     unsafe fn store_part(self, target: *mut f32, lanes: usize) {
         // SAFETY: `target` is valid for `lanes` writes.
         unsafe { _mm512_mask_storeu_ps(target, avx512_mask(lanes), self.0) }
     }
-    arithmetic! {
+    register! {
+        splat(value) = _mm512_set1_ps(value);
+        load(source) = _mm512_loadu_ps(source);
+        store(self, target) = _mm512_storeu_ps(target, self.0);
         mul(self, factor) = _mm512_mul_ps(self.0, factor.0);
         div(self, divisor) = _mm512_div_ps(self.0, divisor.0);
         sqrt(self) = _mm512_sqrt_ps(self.0);
@@ -67,10 +55,10 @@ unsafe impl Vector for Avx512 {
         };
     }
 
-    const BLOCK: usize = 8;
+    const BLOCK: usize = Avx2::BLOCK;
     #[inline(always)]
     unsafe fn transpose_block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
         // SAFETY: a CPU with AVX-512F has AVX2. The caller vouches for both squares.
-        unsafe { transpose_8x8(from, from_stride, to, to_stride) }
+        unsafe { Avx2::transpose_block(from, from_stride, to, to_stride) }
     }
 }

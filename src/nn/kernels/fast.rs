@@ -5,10 +5,8 @@ use nalgebra::DMatrix;
 
 use super::instruction_set::{InstructionSet, InstructionSetKind};
 use super::product::{
-    ColumnBias, PACKED, Plain, Product, RowBias, TALLEST, WherePositive, load, store, strip_len, transpose,
+    Bias, PACKED, Plain, Product, TALLEST, WherePositive, load, store, strip_len, transpose,
 };
-use super::reference::AdamCoefficients;
-use super::vector::Vector;
 
 /// Defines a kernel from one body that is generic in the vector: the body compiled for every instruction set, and the
 /// choice between them. The body may rely on it that the CPU has the vector's instruction set.
@@ -23,9 +21,9 @@ macro_rules! kernel {
         /// When the shapes do not fit together.
         pub fn $name(instruction_set: InstructionSet, $($argument: $type),*) $(-> $result)? {
             #[inline(always)]
-            unsafe fn body<$vector: Vector>($($argument: $type),*) $(-> $result)? $body
+            unsafe fn body<$vector: super::vector::Vector>($($argument: $type),*) $(-> $result)? $body
 
-            instruction_sets! { dispatch! instruction_set.kind(), ($($argument: $type),*) [$(-> $result)?] }
+            instruction_sets! { dispatch! instruction_set.0, ($($argument: $type),*) [$(-> $result)?] }
         }
     };
 }
@@ -74,13 +72,7 @@ fn fits_layer(layer: &[f32], inputs: usize, outputs: usize) -> bool {
 
 kernel! {
     /// See [`super::reference::affine`].
-    pub fn affine<V>(
-        x: &DMatrix<f32>,
-        layer: &[f32],
-        relu: bool,
-        scratch: &mut [f32],
-        y: &mut DMatrix<f32>,
-    ) {
+    pub fn affine<V>(x: &DMatrix<f32>, layer: &[f32], relu: bool, scratch: &mut [f32], y: &mut DMatrix<f32>) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), y.ncols());
         assert!(fits_layer(layer, inputs, outputs) && y.nrows() == batch && scratch.len() >= PACKED);
         let bias = layer[inputs * outputs..].as_ptr();
@@ -105,9 +97,9 @@ kernel! {
                 let (rows, columns, a, b) = (1, outputs, product.b, product.a);
                 let swapped =
                     Product { rows, columns, a, a_row_stride: 0, a_column_stride: 1, b, b_stride: outputs, ..product };
-                swapped.compute::<V, 1>(ColumnBias { bias, relu });
+                swapped.compute::<V, 1>(Bias::<false> { bias, relu });
             } else {
-                product.compute::<V, TALLEST>(RowBias { bias, relu });
+                product.compute::<V, TALLEST>(Bias::<true> { bias, relu });
             }
         }
     }
@@ -116,11 +108,7 @@ kernel! {
 kernel! {
     /// See [`super::reference::input_gradient`].
     pub fn input_gradient<V>(
-        dy: &DMatrix<f32>,
-        layer: &[f32],
-        x: &DMatrix<f32>,
-        scratch: &mut [f32],
-        dx: &mut DMatrix<f32>,
+        dy: &DMatrix<f32>, layer: &[f32], x: &DMatrix<f32>, scratch: &mut [f32], dx: &mut DMatrix<f32>,
     ) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
         assert!(fits_layer(layer, inputs, outputs) && dy.nrows() == batch && dx.shape() == x.shape());
@@ -146,12 +134,7 @@ kernel! {
 
 kernel! {
     /// See [`super::reference::layer_gradient`].
-    pub fn layer_gradient<V>(
-        dy: &DMatrix<f32>,
-        x: &DMatrix<f32>,
-        scratch: &mut [f32],
-        gradient: &mut [f32],
-    ) {
+    pub fn layer_gradient<V>(dy: &DMatrix<f32>, x: &DMatrix<f32>, scratch: &mut [f32], gradient: &mut [f32]) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
         assert!(fits_layer(gradient, inputs, outputs) && dy.nrows() == batch);
         assert!(scratch.len() >= scratch_len(batch, inputs.max(outputs)));
@@ -195,7 +178,7 @@ kernel! {
 kernel! {
     /// See [`super::reference::adam`].
     pub fn adam<V>(
-        coefficients: &AdamCoefficients<f32>,
+        coefficients: &super::reference::AdamCoefficients<f32>,
         parameters: &mut [f32],
         gradient: &[f32],
         first_moment: &mut [f32],

@@ -1,6 +1,5 @@
 //! The numbers that a network computes with: f32 or f64.
 
-/// f32 or f64.
 pub trait Float:
     nalgebra::Scalar
     + Copy
@@ -12,16 +11,13 @@ pub trait Float:
     + std::ops::Neg<Output = Self>
     + std::ops::AddAssign
 {
-    /// 0
     const ZERO: Self;
-    /// 1
     const ONE: Self;
 
     /// The nearest number of this type.
     fn from_f64(value: f64) -> Self;
     /// self · factor + summand, rounded once.
     fn mul_add(self, factor: Self, summand: Self) -> Self;
-    /// √self
     fn sqrt(self) -> Self;
     fn abs(self) -> Self;
     /// 0 where |self| is below the smallest normal number, else self. NaN stays NaN.

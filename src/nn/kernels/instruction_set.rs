@@ -37,7 +37,7 @@ macro_rules! instruction_sets {
 /// let instruction_set: InstructionSet = InstructionSet(todo!());
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct InstructionSet(InstructionSetKind);
+pub struct InstructionSet(pub(super) InstructionSetKind);
 
 /// `CARTPOLE_DQN_SIMD` names an instruction set that this CPU does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -51,7 +51,6 @@ fn names(instruction_sets: &[InstructionSet]) -> String {
 }
 
 impl InstructionSet {
-    /// What every CPU can run.
     pub const SCALAR: Self = Self(InstructionSetKind::Scalar);
 
     /// The environment variable that names the instruction set to run on, for tests and comparisons.
@@ -72,10 +71,6 @@ impl InstructionSet {
         let Some(asked) = std::env::var_os(Self::VARIABLE) else { return Ok(available[0]) };
         let asked = asked.to_string_lossy().into_owned();
         available.into_iter().find(|set| set.name() == asked).ok_or(UnknownInstructionSet { asked })
-    }
-
-    pub(super) fn kind(self) -> InstructionSetKind {
-        self.0
     }
 }
 

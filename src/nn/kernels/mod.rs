@@ -46,80 +46,37 @@ pub use float::mul_add_in_f64;
 pub use instruction_set::InstructionSet;
 pub use reference::AdamCoefficients;
 
-/// The kernels that a network of this float computes with: the reference for f64, the fast kernels for f32. A scratch
-/// has [`scratch_len`] numbers for f32. For f64 it may be empty.
-pub trait Kernels: Float {
-    /// [`reference::affine`].
-    fn affine(x: &DMatrix<Self>, layer: &[Self], relu: bool, _scratch: &mut [Self], y: &mut DMatrix<Self>) {
-        reference::affine(x, layer, relu, y);
-    }
+/// Declares the kernels, each with its inputs, its scratch if it needs any, and its outputs.
+macro_rules! kernels {
+    ($(
+        fn $name:ident($($input:ident: $type:ty),*) [$($scratch:ident)?]
+            ($($output:ident: $output_type:ty),*) $(-> $result:ty)?;
+    )*) => {
+        /// The kernels that a network of this float computes with: the reference for f64, the fast kernels for f32. A
+        /// scratch has [`scratch_len`] numbers for f32. For f64 it may be empty.
+        pub trait Kernels: Float {$(
+            #[doc = concat!("[`reference::", stringify!($name), "`].")]
+            fn $name($($input: $type,)* $($scratch: &mut [Self],)? $($output: $output_type),*) $(-> $result)? {
+                $(let _ = $scratch;)?
+                reference::$name($($input,)* $($output),*)
+            }
+        )*}
 
-    /// [`reference::input_gradient`].
-    fn input_gradient(
-        dy: &DMatrix<Self>,
-        layer: &[Self],
-        x: &DMatrix<Self>,
-        _scratch: &mut [Self],
-        dx: &mut DMatrix<Self>,
-    ) {
-        reference::input_gradient(dy, layer, x, dx);
-    }
+        impl Kernels for f64 {}
 
-    /// [`reference::layer_gradient`].
-    fn layer_gradient(dy: &DMatrix<Self>, x: &DMatrix<Self>, _scratch: &mut [Self], gradient: &mut [Self]) {
-        reference::layer_gradient(dy, x, gradient);
-    }
-
-    /// [`reference::adam`].
-    fn adam(
-        coefficients: &AdamCoefficients<Self>,
-        parameters: &mut [Self],
-        gradient: &[Self],
-        first_moment: &mut [Self],
-        second_moment: &mut [Self],
-    ) -> bool {
-        reference::adam(coefficients, parameters, gradient, first_moment, second_moment)
-    }
-
-    /// [`reference::soft_update`].
-    fn soft_update(tau: Self, online: &[Self], target: &mut [Self]) {
-        reference::soft_update(tau, online, target);
-    }
+        impl Kernels for f32 {$(
+            fn $name($($input: $type,)* $($scratch: &mut [Self],)? $($output: $output_type),*) $(-> $result)? {
+                fast::$name(InstructionSet::current(), $($input,)* $($scratch,)? $($output),*)
+            }
+        )*}
+    };
 }
 
-impl Kernels for f64 {}
-
-impl Kernels for f32 {
-    fn affine(x: &DMatrix<f32>, layer: &[f32], relu: bool, scratch: &mut [f32], y: &mut DMatrix<f32>) {
-        fast::affine(InstructionSet::current(), x, layer, relu, scratch, y);
-    }
-
-    fn input_gradient(
-        dy: &DMatrix<f32>,
-        layer: &[f32],
-        x: &DMatrix<f32>,
-        scratch: &mut [f32],
-        dx: &mut DMatrix<f32>,
-    ) {
-        fast::input_gradient(InstructionSet::current(), dy, layer, x, scratch, dx);
-    }
-
-    fn layer_gradient(dy: &DMatrix<f32>, x: &DMatrix<f32>, scratch: &mut [f32], gradient: &mut [f32]) {
-        fast::layer_gradient(InstructionSet::current(), dy, x, scratch, gradient);
-    }
-
-    fn adam(
-        coefficients: &AdamCoefficients<f32>,
-        parameters: &mut [f32],
-        gradient: &[f32],
-        first_moment: &mut [f32],
-        second_moment: &mut [f32],
-    ) -> bool {
-        let instruction_set = InstructionSet::current();
-        fast::adam(instruction_set, coefficients, parameters, gradient, first_moment, second_moment)
-    }
-
-    fn soft_update(tau: f32, online: &[f32], target: &mut [f32]) {
-        fast::soft_update(InstructionSet::current(), tau, online, target);
-    }
+kernels! {
+    fn affine(x: &DMatrix<Self>, layer: &[Self], relu: bool) [scratch] (y: &mut DMatrix<Self>);
+    fn input_gradient(dy: &DMatrix<Self>, layer: &[Self], x: &DMatrix<Self>) [scratch] (dx: &mut DMatrix<Self>);
+    fn layer_gradient(dy: &DMatrix<Self>, x: &DMatrix<Self>) [scratch] (gradient: &mut [Self]);
+    fn adam(coefficients: &AdamCoefficients<Self>, parameters: &mut [Self], gradient: &[Self]) []
+        (first_moment: &mut [Self], second_moment: &mut [Self]) -> bool;
+    fn soft_update(tau: Self, online: &[Self]) [] (target: &mut [Self]);
 }

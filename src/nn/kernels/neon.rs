@@ -2,7 +2,7 @@
 
 use std::arch::aarch64::*;
 
-use super::vector::{Vector, arithmetic};
+use super::vector::{Vector, register};
 
 /// 4 numbers, by NEON.
 #[derive(Clone, Copy)]
@@ -11,47 +11,13 @@ pub(super) struct Neon(float32x4_t);
 // SAFETY: every CPU of this target has NEON. Loads and stores touch the numbers that the trait names.
 unsafe impl Vector for Neon {
     const NAME: &'static str = "neon";
-    fn is_available() -> bool {
-        true
-    }
-
     const LANES: usize = 4;
     const REGISTERS: usize = 31;
 
-    #[inline(always)]
-    unsafe fn splat(value: f32) -> Self {
-        // SAFETY: every CPU of this target has NEON.
-        Self(unsafe { vdupq_n_f32(value) })
-    }
-    #[inline(always)]
-    unsafe fn load(source: *const f32) -> Self {
-        // SAFETY: `source` is valid for 4 reads.
-        Self(unsafe { vld1q_f32(source) })
-    }
-    #[inline(always)]
-    unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
-        let mut values = [0.0; 4];
-        // SAFETY: `source` is valid for `lanes` reads, and `lanes` is below 4.
-        unsafe {
-            source.copy_to_nonoverlapping(values.as_mut_ptr(), lanes);
-            Self::load(values.as_ptr())
-        }
-    }
-    #[inline(always)]
-    unsafe fn store(self, target: *mut f32) {
-        // SAFETY: `target` is valid for 4 writes.
-        unsafe { vst1q_f32(target, self.0) }
-    }
-    #[inline(always)]
-    unsafe fn store_part(self, target: *mut f32, lanes: usize) {
-        let mut values = [0.0; 4];
-        // SAFETY: `target` is valid for `lanes` writes, and `lanes` is below 4.
-        unsafe {
-            self.store(values.as_mut_ptr());
-            values.as_ptr().copy_to_nonoverlapping(target, lanes);
-        }
-    }
-    arithmetic! {
+    register! {
+        splat(value) = vdupq_n_f32(value);
+        load(source) = vld1q_f32(source);
+        store(self, target) = vst1q_f32(target, self.0);
         mul(self, factor) = vmulq_f32(self.0, factor.0);
         div(self, divisor) = vdivq_f32(self.0, divisor.0);
         sqrt(self) = vsqrtq_f32(self.0);

@@ -64,17 +64,10 @@ pub(super) trait Epilogue: Copy {
 #[derive(Clone, Copy)]
 pub(super) struct Plain;
 
-/// Starts at the bias of C's row, and stores the sum through ReLU if `relu`. `bias` has as many numbers as C has rows.
+/// Starts at the bias of C's row, or else of C's column, and stores the sum through ReLU if `relu`. `bias` has as many
+/// numbers as C has rows, or else columns.
 #[derive(Clone, Copy)]
-pub(super) struct RowBias {
-    pub(crate) bias: *const f32,
-    pub(crate) relu: bool,
-}
-
-/// Starts at the bias of C's column, and stores the sum through ReLU if `relu`. `bias` has as many numbers as C has
-/// columns.
-#[derive(Clone, Copy)]
-pub(super) struct ColumnBias {
+pub(super) struct Bias<const OF_ROW: bool> {
     pub(crate) bias: *const f32,
     pub(crate) relu: bool,
 }
@@ -89,23 +82,11 @@ pub(super) struct WherePositive {
 
 impl Epilogue for Plain {}
 
-impl Epilogue for RowBias {
+impl<const OF_ROW: bool> Epilogue for Bias<OF_ROW> {
     #[inline(always)]
-    unsafe fn start<V: Vector>(self, row: usize, _: usize, _: usize) -> V {
-        // SAFETY: the caller vouches for the instruction set, and `row` is a row of C.
-        unsafe { V::splat(*self.bias.add(row)) }
-    }
-    #[inline(always)]
-    unsafe fn finish<V: Vector>(self, sum: V, _: usize, _: usize, _: usize) -> V {
-        if self.relu { sum.relu() } else { sum }
-    }
-}
-
-impl Epilogue for ColumnBias {
-    #[inline(always)]
-    unsafe fn start<V: Vector>(self, _: usize, column: usize, lanes: usize) -> V {
-        // SAFETY: the caller vouches for the instruction set, and the numbers lie in columns of C.
-        unsafe { load(self.bias.add(column), lanes) }
+    unsafe fn start<V: Vector>(self, row: usize, column: usize, lanes: usize) -> V {
+        // SAFETY: the caller vouches for the instruction set, and the numbers lie in a row of C.
+        unsafe { if OF_ROW { V::splat(*self.bias.add(row)) } else { load(self.bias.add(column), lanes) } }
     }
     #[inline(always)]
     unsafe fn finish<V: Vector>(self, sum: V, _: usize, _: usize, _: usize) -> V {

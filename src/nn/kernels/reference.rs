@@ -7,19 +7,14 @@ use super::float::Float;
 /// The numbers of one Adam step, the same for every parameter.
 #[derive(Clone, Copy, Debug)]
 pub struct AdamCoefficients<T> {
-    /// β₁
     pub beta1: T,
-    /// 1 − β₁
     pub one_minus_beta1: T,
-    /// β₂
     pub beta2: T,
-    /// 1 − β₂
     pub one_minus_beta2: T,
     /// α / (1 − β₁ᵗ)
     pub step_size: T,
     /// 1 / √(1 − β₂ᵗ)
     pub second_moment_scale: T,
-    /// ε
     pub epsilon: T,
 }
 

@@ -1,7 +1,6 @@
 //! Vectors of f32 on any CPU.
 
 use super::float::{Float, mul_add_in_f64};
-use super::vector::Vector;
 
 /// So many that compilers make vectors of them. In WebAssembly more numbers would only be more code, for each page to load.
 const LANES: usize = if cfg!(target_arch = "wasm32") { 4 } else { 16 };
@@ -11,12 +10,8 @@ const LANES: usize = if cfg!(target_arch = "wasm32") { 4 } else { 16 };
 pub(super) struct Scalar([f32; LANES]);
 
 // SAFETY: any CPU can run this, and loads and stores touch the numbers that the trait names.
-unsafe impl Vector for Scalar {
+unsafe impl super::vector::Vector for Scalar {
     const NAME: &'static str = "scalar";
-    fn is_available() -> bool {
-        true
-    }
-
     const LANES: usize = LANES;
     // In WebAssembly tiles of one row: taller ones are no faster there, and several times the code.
     const REGISTERS: usize = if cfg!(target_arch = "wasm32") { 1 } else { 7 };
@@ -31,21 +26,9 @@ unsafe impl Vector for Scalar {
         Self(unsafe { source.cast::<[f32; LANES]>().read() })
     }
     #[inline(always)]
-    unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
-        let mut values = [0.0; LANES];
-        // SAFETY: `source` is valid for `lanes` reads, and `lanes` is below `LANES`.
-        unsafe { source.copy_to_nonoverlapping(values.as_mut_ptr(), lanes) }
-        Self(values)
-    }
-    #[inline(always)]
     unsafe fn store(self, target: *mut f32) {
         // SAFETY: `target` is valid for `LANES` writes, and an array of f32 is aligned as an f32 is.
         unsafe { target.cast::<[f32; LANES]>().write(self.0) }
-    }
-    #[inline(always)]
-    unsafe fn store_part(self, target: *mut f32, lanes: usize) {
-        // SAFETY: `target` is valid for `lanes` writes, and `lanes` is below `LANES`.
-        unsafe { self.0.as_ptr().copy_to_nonoverlapping(target, lanes) }
     }
     #[inline(always)]
     fn mul(self, factor: Self) -> Self {
@@ -75,12 +58,5 @@ unsafe impl Vector for Scalar {
     #[inline(always)]
     fn positive_then(self, value: Self) -> Self {
         Self(std::array::from_fn(|lane| if self.0[lane] > 0.0 { value.0[lane] } else { 0.0 }))
-    }
-
-    const BLOCK: usize = 1;
-    #[inline(always)]
-    unsafe fn transpose_block(from: *const f32, _: usize, to: *mut f32, _: usize) {
-        // SAFETY: a square of one number is read and written.
-        unsafe { *to = *from }
     }
 }

@@ -9,10 +9,11 @@
 /// and `store_part` touch `lanes` numbers, and `transpose_block` touches `BLOCK` rows of `BLOCK` numbers on either
 /// side.
 pub(super) unsafe trait Vector: Copy {
-    /// The instruction set's name.
     const NAME: &'static str;
-    /// Whether the CPU has the instruction set.
-    fn is_available() -> bool;
+    /// Whether the CPU has the instruction set. Every CPU has one that does not ask.
+    fn is_available() -> bool {
+        true
+    }
 
     /// How many f32 a vector holds.
     const LANES: usize;
@@ -30,21 +31,33 @@ pub(super) unsafe trait Vector: Copy {
     /// # Safety
     /// The CPU has the instruction set, and `source` is valid for `LANES` reads.
     unsafe fn load(source: *const f32) -> Self;
-    /// Loads `lanes` numbers, and 0 into the other lanes.
+    /// Loads `lanes` numbers, and 0 into the other lanes. A vector that is not `LANES` f32 in memory has its own.
     ///
     /// # Safety
     /// The CPU has the instruction set, `lanes` is below `LANES`, and `source` is valid for `lanes` reads.
-    unsafe fn load_part(source: *const f32, lanes: usize) -> Self;
+    #[inline(always)]
+    unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
+        // SAFETY: the caller vouches for the instruction set and for `lanes` reads, fewer than the vector has numbers.
+        unsafe {
+            let mut vector = Self::splat(0.0);
+            source.copy_to_nonoverlapping((&raw mut vector).cast(), lanes);
+            vector
+        }
+    }
     /// Stores all lanes.
     ///
     /// # Safety
     /// `target` is valid for `LANES` writes.
     unsafe fn store(self, target: *mut f32);
-    /// Stores the first `lanes` lanes.
+    /// Stores the first `lanes` lanes. A vector that is not `LANES` f32 in memory has its own.
     ///
     /// # Safety
     /// `lanes` is below `LANES`, and `target` is valid for `lanes` writes.
-    unsafe fn store_part(self, target: *mut f32, lanes: usize);
+    #[inline(always)]
+    unsafe fn store_part(self, target: *mut f32, lanes: usize) {
+        // SAFETY: the caller vouches for `lanes` writes, fewer than the vector has numbers.
+        unsafe { (&raw const self).cast::<f32>().copy_to_nonoverlapping(target, lanes) }
+    }
 
     fn mul(self, factor: Self) -> Self;
     fn div(self, divisor: Self) -> Self;
@@ -59,28 +72,54 @@ pub(super) unsafe trait Vector: Copy {
     fn positive_then(self, value: Self) -> Self;
 
     /// Side of the square that [`Self::transpose_block`] transposes.
-    const BLOCK: usize;
+    const BLOCK: usize = 1;
     /// Transposes a square. Its rows are `from_stride` numbers apart in `from`. The rows of the transpose are
     /// `to_stride` numbers apart in `to`.
     ///
     /// # Safety
     /// The CPU has the instruction set, `from` is valid for reads of the square, and `to` for writes of the transpose.
-    unsafe fn transpose_block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize);
+    #[inline(always)]
+    unsafe fn transpose_block(from: *const f32, _from_stride: usize, to: *mut f32, _to_stride: usize) {
+        // SAFETY: a square of one number is read and written.
+        unsafe { *to = *from }
+    }
 }
 
-/// Defines the arithmetic of a vector that is one register: `name(self, arguments) = instructions;`.
-// A target without vectors has no use for it.
+/// Defines loads, stores and arithmetic of a vector that is one register: `name(self, arguments) = instructions;`.
+// A target without vectors has no use for it. Instructions that every CPU of the target has are safe.
 #[allow(unused_macros)]
-macro_rules! arithmetic {
-    ($($name:ident($self:ident $(, $argument:ident)*) = $instructions:expr;)*) => {$(
+macro_rules! register {
+    (
+        splat($value:ident) = $splat:expr;
+        load($source:ident) = $load:expr;
+        store($vector:ident, $target:ident) = $store:expr;
+        $($name:ident($self:ident $(, $argument:ident)*) = $instructions:expr;)*
+    ) => {
         #[inline(always)]
-        // Instructions that every CPU of the target has are safe.
         #[allow(unused_unsafe)]
-        fn $name($self $(, $argument: Self)*) -> Self {
-            // SAFETY: a vector was made, so the CPU has the instruction set.
-            Self(unsafe { $instructions })
+        unsafe fn splat($value: f32) -> Self {
+            // SAFETY: the caller vouches for the instruction set.
+            Self(unsafe { $splat })
         }
-    )*};
+        #[inline(always)]
+        unsafe fn load($source: *const f32) -> Self {
+            // SAFETY: the caller vouches for the instruction set and for `LANES` reads.
+            Self(unsafe { $load })
+        }
+        #[inline(always)]
+        unsafe fn store($vector, $target: *mut f32) {
+            // SAFETY: the caller vouches for `LANES` writes.
+            unsafe { $store }
+        }
+        $(
+            #[inline(always)]
+            #[allow(unused_unsafe)]
+            fn $name($self $(, $argument: Self)*) -> Self {
+                // SAFETY: a vector was made, so the CPU has the instruction set.
+                Self(unsafe { $instructions })
+            }
+        )*
+    };
 }
 #[allow(unused_imports)]
-pub(super) use arithmetic;
+pub(super) use register;

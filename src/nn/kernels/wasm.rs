@@ -9,19 +9,6 @@ use core::arch::wasm32::*;
 use super::float::mul_add_in_f64;
 use super::vector::Vector;
 
-/// Loads `lanes` of 4 numbers, and 0 into the other lanes.
-///
-/// # Safety
-/// `lanes` is below 4, and `source` is valid for `lanes` reads.
-#[inline(always)]
-unsafe fn load_part(source: *const f32, lanes: usize) -> v128 {
-    let mut values = [0.0; 4];
-    // SAFETY: `source` is valid for `lanes` reads, and `lanes` is below 4.
-    unsafe { source.copy_to_nonoverlapping(values.as_mut_ptr(), lanes) }
-    f32x4(values[0], values[1], values[2], values[3])
-}
-
-/// The numbers of a vector.
 #[inline(always)]
 fn lanes_of(vector: v128) -> [f32; 4] {
     [
@@ -30,30 +17,6 @@ fn lanes_of(vector: v128) -> [f32; 4] {
         f32x4_extract_lane::<2>(vector),
         f32x4_extract_lane::<3>(vector),
     ]
-}
-
-/// Transposes a square of 4 rows: interleaves rows in pairs, then pairs of pairs.
-///
-/// # Safety
-/// As for [`Vector::transpose_block`] with a `BLOCK` of 4.
-#[inline(always)]
-unsafe fn transpose_4x4(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
-    // SAFETY: the caller vouches for 4 rows of 4 numbers in `from`, and for as many in `to`.
-    unsafe {
-        let [a, b, c, d]: [v128; 4] =
-            std::array::from_fn(|row| v128_load(from.add(row * from_stride).cast()));
-        let (ab, cd) = (i32x4_shuffle::<0, 4, 1, 5>(a, b), i32x4_shuffle::<0, 4, 1, 5>(c, d));
-        let (ab_high, cd_high) = (i32x4_shuffle::<2, 6, 3, 7>(a, b), i32x4_shuffle::<2, 6, 3, 7>(c, d));
-        let columns = [
-            i64x2_shuffle::<0, 2>(ab, cd),
-            i64x2_shuffle::<1, 3>(ab, cd),
-            i64x2_shuffle::<0, 2>(ab_high, cd_high),
-            i64x2_shuffle::<1, 3>(ab_high, cd_high),
-        ];
-        for (column, values) in columns.into_iter().enumerate() {
-            v128_store(to.add(column * to_stride).cast(), values);
-        }
-    }
 }
 
 /// Four numbers, each as an f64 that is exactly an f32: the first two and the last two. A module with [`RelaxedSimd`] has no
@@ -109,10 +72,6 @@ impl Simd128 {
 // that the trait names.
 unsafe impl Vector for Simd128 {
     const NAME: &'static str = "simd128";
-    fn is_available() -> bool {
-        true
-    }
-
     const LANES: usize = 4;
     const REGISTERS: usize = 7;
 
@@ -128,8 +87,10 @@ unsafe impl Vector for Simd128 {
     }
     #[inline(always)]
     unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
-        // SAFETY: the caller vouches for `lanes` reads.
-        Self::from_f32(unsafe { load_part(source, lanes) })
+        let mut values = [0.0; 4];
+        // SAFETY: `source` is valid for `lanes` reads, and `lanes` is below 4.
+        unsafe { source.copy_to_nonoverlapping(values.as_mut_ptr(), lanes) }
+        Self::from_f32(f32x4(values[0], values[1], values[2], values[3]))
     }
     #[inline(always)]
     unsafe fn store(self, target: *mut f32) {
@@ -182,10 +143,25 @@ unsafe impl Vector for Simd128 {
     }
 
     const BLOCK: usize = 4;
+    /// Interleaves rows in pairs, then pairs of pairs.
     #[inline(always)]
     unsafe fn transpose_block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
-        // SAFETY: the caller vouches for both squares.
-        unsafe { transpose_4x4(from, from_stride, to, to_stride) }
+        // SAFETY: the caller vouches for 4 rows of 4 numbers in `from`, and for as many in `to`.
+        unsafe {
+            let [a, b, c, d]: [v128; 4] =
+                std::array::from_fn(|row| v128_load(from.add(row * from_stride).cast()));
+            let (ab, cd) = (i32x4_shuffle::<0, 4, 1, 5>(a, b), i32x4_shuffle::<0, 4, 1, 5>(c, d));
+            let (ab_high, cd_high) = (i32x4_shuffle::<2, 6, 3, 7>(a, b), i32x4_shuffle::<2, 6, 3, 7>(c, d));
+            let columns = [
+                i64x2_shuffle::<0, 2>(ab, cd),
+                i64x2_shuffle::<1, 3>(ab, cd),
+                i64x2_shuffle::<0, 2>(ab_high, cd_high),
+                i64x2_shuffle::<1, 3>(ab_high, cd_high),
+            ];
+            for (column, values) in columns.into_iter().enumerate() {
+                v128_store(to.add(column * to_stride).cast(), values);
+            }
+        }
     }
 }
 
@@ -193,61 +169,33 @@ unsafe impl Vector for Simd128 {
 mod relaxed {
     use core::arch::wasm32::*;
 
-    use super::{Vector, lanes_of, load_part, transpose_4x4};
-    use crate::nn::kernels::vector::arithmetic;
+    use super::{Simd128, Vector, lanes_of};
+    use crate::nn::kernels::vector::register;
 
     /// Four numbers, with the multiply-add of relaxed SIMD.
     #[derive(Clone, Copy)]
     pub(in super::super) struct RelaxedSimd(v128);
 
-    impl RelaxedSimd {
+    // SAFETY: this module exists only where the whole program is compiled for `simd128` and `relaxed-simd`. Loads and
+    // stores touch the numbers that the trait names.
+    unsafe impl Vector for RelaxedSimd {
+        const NAME: &'static str = "relaxed-simd";
         /// Whether the multiply-add fuses. An engine decides that once, for all its multiply-adds.
-        fn is_fused() -> bool {
+        fn is_available() -> bool {
             let factor = f32x4_splat(std::hint::black_box(1.0 + 1.0 / 4096.0));
             let summand = f32x4_splat(std::hint::black_box(-(1.0 + 1.0 / 2048.0)));
             // The square's last bit is lost if it is rounded.
             let sums = lanes_of(f32x4_relaxed_madd(factor, factor, summand));
             sums == [1.0 / f32::from(4096_u16) / 4096.0; 4]
         }
-    }
-
-    // SAFETY: this module exists only where the whole program is compiled for `simd128` and `relaxed-simd`. Loads and
-    // stores touch the numbers that the trait names.
-    unsafe impl Vector for RelaxedSimd {
-        const NAME: &'static str = "relaxed-simd";
-        fn is_available() -> bool {
-            Self::is_fused()
-        }
 
         const LANES: usize = 4;
         const REGISTERS: usize = 15;
 
-        #[inline(always)]
-        unsafe fn splat(value: f32) -> Self {
-            Self(f32x4_splat(value))
-        }
-        #[inline(always)]
-        unsafe fn load(source: *const f32) -> Self {
-            // SAFETY: `source` is valid for 4 reads.
-            Self(unsafe { v128_load(source.cast()) })
-        }
-        #[inline(always)]
-        unsafe fn load_part(source: *const f32, lanes: usize) -> Self {
-            // SAFETY: the caller vouches for `lanes` reads.
-            Self(unsafe { load_part(source, lanes) })
-        }
-        #[inline(always)]
-        unsafe fn store(self, target: *mut f32) {
-            // SAFETY: `target` is valid for 4 writes.
-            unsafe { v128_store(target.cast(), self.0) }
-        }
-        #[inline(always)]
-        unsafe fn store_part(self, target: *mut f32, lanes: usize) {
-            let values = lanes_of(self.0);
-            // SAFETY: `target` is valid for `lanes` writes, and `lanes` is below 4.
-            unsafe { values.as_ptr().copy_to_nonoverlapping(target, lanes) }
-        }
-        arithmetic! {
+        register! {
+            splat(value) = f32x4_splat(value);
+            load(source) = v128_load(source.cast());
+            store(self, target) = v128_store(target.cast(), self.0);
             mul(self, factor) = f32x4_mul(self.0, factor.0);
             div(self, divisor) = f32x4_div(self.0, divisor.0);
             sqrt(self) = f32x4_sqrt(self.0);
@@ -261,7 +209,7 @@ mod relaxed {
         #[inline(always)]
         unsafe fn transpose_block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
             // SAFETY: the caller vouches for both squares.
-            unsafe { transpose_4x4(from, from_stride, to, to_stride) }
+            unsafe { Simd128::transpose_block(from, from_stride, to, to_stride) }
         }
     }
 }
