@@ -158,15 +158,22 @@ pub(super) fn judge_whole(
             let mistakes = verdict.explanations.first().into_iter().flatten();
             mistakes.fold(*right, |variant, explained| explained.mistake.on(&variant)).activations
         });
-        let Some(update) = as_told(whole, activations) else { continue };
-        let verdict = check_with(&update, progress);
-        for verdict in forward.iter().map(|(_, verdict)| verdict).chain([&verdict]) {
+        let mut verdicts = Vec::new();
+        for update in as_told(whole, activations) {
+            verdicts.push(check_with(&update, progress));
+            if verdicts.last().is_some_and(|verdict| verdict.equal) {
+                verdicts.drain(..verdicts.len() - 1);
+                equal.push(update.settings);
+                break;
+            }
+        }
+        let Some(verdict) = verdicts.first() else { continue };
+        for verdict in forward.iter().map(|(_, verdict)| verdict).chain([verdict]) {
             explain(whole, verdict, judgement);
         }
         if !verdict.equal {
             break;
         }
-        equal.push(update.settings);
     }
     if let Some(settings) = equal.last() {
         let loss = if settings.loss == Loss::Mse { "mse" } else { "huber" };
@@ -205,7 +212,7 @@ fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
         update.results.targets.is_some() && equal_in_targets_and_loss(update, LayerKinds::RIGHT)
     };
     let Some((whole, _)) = updates.last() else { return };
-    let Some(update) = as_told(whole, LayerKinds::RIGHT).filter(is_known) else { return };
+    let Some(update) = as_told(whole, LayerKinds::RIGHT).into_iter().find(is_known) else { return };
     let pass = forward(&update.online, &update.batch.observations, LayerKinds::RIGHT, update.rounding_unit);
     let (mut all, mut silent) = (0, 0);
     for layer in 1..update.online.num_layers() {
@@ -250,8 +257,10 @@ fn first_steps(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
     }
 }
 
-/// An update under the settings that were told. What was not told is as it makes targets and loss equal, if it can.
-fn as_told(whole: &Whole, activations: LayerKinds) -> Option<Update> {
+/// An update under the settings that were told, with the target network of before it and of after it: a soft update may come
+/// before or after the targets are computed. What was not told is as it makes targets and loss equal, if it can; then only what
+/// is equal is given.
+fn as_told(whole: &Whole, activations: LayerKinds) -> Vec<Update> {
     let told = &whole.told;
     let remembers = |update: &Update| update.adam.steps > 0 || told.has("optimizer");
     let has_optimizer =
@@ -263,18 +272,20 @@ fn as_told(whole: &Whole, activations: LayerKinds) -> Option<Update> {
     let gammas = if told.has("gamma") { vec![told.settings.gamma] } else { GAMMAS.to_vec() };
     let all = gammas.iter().flat_map(|&gamma| doubles.iter().map(move |&double| (gamma, double)));
     let all = all.flat_map(|(gamma, double)| losses.iter().map(move |&loss| (gamma, double, loss)));
-    let mut first = None;
+    let mut first = Vec::new();
     for (gamma, double, loss) in all {
         let settings = Settings { gamma, double, loss, ..told.settings };
-        // A soft update may come before or after the targets are computed.
-        for name in [before, after] {
-            let Some(update) = whole.update(settings, |old| name(old).filter(|_| is_kept(old))) else {
-                continue;
-            };
-            if equal_in_targets_and_loss(&update, activations) {
-                return Some(update);
-            }
-            first = first.or(Some(update));
+        let named = |name: fn(&str) -> Option<Cow<str>>| {
+            whole.update(settings, |old| name(old).filter(|_| is_kept(old)))
+        };
+        let updates: Vec<Update> = [before, after].into_iter().filter_map(named).collect();
+        let is_equal = |update: &&Update| equal_in_targets_and_loss(update, activations);
+        let equal: Vec<Update> = updates.iter().filter(is_equal).cloned().collect();
+        if !equal.is_empty() {
+            return equal;
+        }
+        if first.is_empty() {
+            first = updates;
         }
     }
     first
