@@ -234,8 +234,11 @@ class Recorder:
             if q is not None:
                 update["result.q"] = q
             update.update(_network("result.online", online, shapes))
+            moved = False
             if target is not None:
-                update.update(_network("result.target", target, shapes))
+                after = _network("result.target", target, shapes)
+                moved = any((before.get(name.replace("result.", "")) != array).any() for name, array in after.items())
+                update.update(after)
             if targets is not None and targets.size == len(batch["actions"]):
                 update["result.targets"] = _array(targets)
             if np.isfinite(loss):
@@ -244,7 +247,11 @@ class Recorder:
             # `zero_grad` may have been called since.
             if all(gradient is not None for gradient in gradients) and any(bool((gradient != 0).any()) for gradient in gradients):
                 update.update(_network("result.gradients", gradients, shapes))
-            learning.updates.keep(number, update)
+            # A target network that moves may have moved before the update or after it: only the targets tell.
+            if moved and targets is None:
+                self._say("whole updates at which the target network moves: give `learned` the targets", "targets")
+            else:
+                learning.updates.keep(number, update)
         if learning.updates.is_due(number + 1):
             try:
                 kept = _network("online", online)

@@ -385,6 +385,23 @@ def networks_of_all_forms_are_the_same(directory):
     print("networks of all forms are the same")
 
 
+def networks_that_are_replaced_may_be_shared(binary, directory):
+    """Where arrays never change, as in JAX, a copy is the same object; and without targets nothing says when the target network moved."""
+    rng = np.random.default_rng(1)
+    recorder = Recorder(f"{directory}/shared.trace", gamma=GAMMA)
+    online = target = [rng.normal(size=shape).astype(np.float32) for shape in ((4, 8), (8,), (8, 2), (2,))]
+    row = lambda: (rng.normal(size=4), rng.integers(2), 1.0, rng.normal(size=4), False, False, GAMMA)
+    for update in range(130):
+        online = [w + np.float32(0.01) for w in online]
+        target = online if update % 32 == 0 else target
+        recorder.learned(online, target, batch_of([row() for _ in range(8)], range(8)))
+    recorder.close()
+    names, _ = judged(binary, f"{directory}/shared.trace")
+    file = Path(f"{directory}/shared.trace").read_bytes()
+    require(not names and b"update.2." in file and b"update.32." not in file, f"a copy is accused: {names}")
+    print("networks that are replaced may be shared")
+
+
 def a_killed_loop_leaves_what_it_did(binary, directory):
     code = (
         f"import sys, os; sys.path[:0] = [{str(ROOT / 'tests/interop')!r}]; import recorder, gymnasium; r = recorder.Recorder('killed.trace'); "
@@ -415,6 +432,7 @@ def main():
         if not arguments.only and not arguments.table:
             nothing_raises_and_nothing_is_changed(directory)
             networks_of_all_forms_are_the_same(directory)
+            networks_that_are_replaced_may_be_shared(binary, directory)
             a_killed_loop_leaves_what_it_did(binary, directory)
         for steps in arguments.steps:
             for name, settings in [*MISTAKES.items(), *RIGHT.items()]:
