@@ -236,28 +236,3 @@ pub const CHANGES: &[Change] = &[
     ("no_step", Stage::Weights, |v| v.optimizer = Optimizer::Nothing),
     ("online_overwritten_by_target", Stage::Weights, |v| if v.given.target { v.overwritten = v.fitted.overwritten }),
 ];
-
-/// What a batch shows by itself, or numbers that are wrong whatever they were computed from.
-#[rustfmt::skip]
-pub const FINDINGS: &[&str] = &[
-    "one_transition_repeated", "next_is_current", "state_not_advanced", "next_is_reset", "next_of_another_row",
-    "observations_exchanged_in_batch", "stored_action_is_another", "observations_rounded", "row_that_never_happened",
-    "reward_and_end_exchanged", "reward_of_another_step", "end_of_another_step", "terminated_never_stored",
-    "time_limit_stored_as_terminated", "steps_after_the_end", "dueling_mean_over_batch", "another_network",
-    "not_finite", "target_is_online", "tau_reversed",
-];
-
-/// What a whole loop can have wrong.
-#[rustfmt::skip]
-pub const LOOP_MISTAKES: &[&str] = &[
-    "state_not_advanced", "steps_after_the_end", "truncation_ignored", "time_limit_stored_as_terminated",
-    "terminated_never_stored", "same_start_every_episode", "next_is_current", "next_is_reset",
-    "stored_action_is_another", "reward_of_another_step", "observation_changed", "row_that_never_happened",
-    "one_transition_repeated", "samples_only_newest", "samples_only_oldest", "memory_emptied", "memory_too_small",
-    "never_explores", "epsilon_never_falls", "epsilon_falls_at_once", "epsilon_grows", "epsilon_not_applied",
-    "epsilon_inverted", "exploration_misses_an_action", "greedy_is_not_the_largest", "acts_on_an_old_observation",
-    "target_never_updated", "target_is_online", "target_not_initialised", "tau_reversed",
-    "online_overwritten_by_target", "target_updated_too_rarely", "online_never_changes", "layer_never_changes",
-    "optimizer_made_anew", "learns_at_episode_ends_only", "learns_before_a_batch_is_there", "learns_while_evaluating",
-    "diverges", "units_die",
-];

@@ -28,7 +28,7 @@ mod verdict;
 pub(crate) use batch::BatchVerdict;
 pub use file::{Batch, Moments, OptimizerName, Results, Settings, Update};
 pub(crate) use file::{EpsilonPlace, START};
-pub use mistakes::{CHANGES, FINDINGS, Found, LOOP_MISTAKES, MISTAKES, Mistake, Stage};
+pub use mistakes::{CHANGES, Found, MISTAKES, Mistake, Stage};
 pub use reference::Reference;
 pub use rounding::Number;
 pub use variant::Variant;
