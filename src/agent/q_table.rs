@@ -40,10 +40,8 @@ impl QTable {
     pub fn update(&mut self, transition: Transition<'_>, alpha: f32, gamma: f32) -> f32 {
         let Transition { observation, action, reward, next_observation, terminated, .. } = transition;
         let place = self.place(observation) + action;
-        let max_next = self
-            .q_values(next_observation)
-            .iter()
-            .fold(f32::NEG_INFINITY, |max, &q| if q > max { q } else { max });
+        let next_q = self.q_values(next_observation).iter();
+        let max_next = next_q.fold(f32::NEG_INFINITY, |max, &q| if q > max { q } else { max });
         let td_target = if terminated { reward } else { reward + gamma * max_next };
         let td_error = td_target - self.values[place];
         self.values[place] += alpha * td_error;

@@ -46,10 +46,7 @@ pub(super) fn run(arguments: ConfigArguments) -> Result<(), Failure> {
             let config = layers.resolve()?;
             if json { print_json(&config) } else { print(&describe(&config)) }
         }
-        ConfigCommand::Schema => {
-            let schema = serde_json::to_string_pretty(&schema());
-            print(&(schema.map_err(|error| Failure::Failed(error.to_string()))? + "\n"))
-        }
+        ConfigCommand::Schema => print(&format!("{:#}\n", schema())),
     }
 }
 

@@ -53,7 +53,7 @@ fn describe(checkpoint: &Checkpoint, task: &Spec, all: bool) -> Result<String, C
         text += &format!("tensor      {} {dtype:?} {shape:?}\n", visible(name));
     }
     if let Some(header) = &header {
-        let config = serde_json::to_string_pretty(&config_of_checkpoint(&header.config)).unwrap_or_default();
+        let config = format!("{:#}", config_of_checkpoint(&header.config));
         text += &format!("config      {}\n", config.replace('\n', "\n            "));
     }
     Ok(text)

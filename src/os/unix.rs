@@ -120,17 +120,14 @@ pub(crate) mod signals {
     pub(crate) use signal_hook::low_level::exit;
 
     /// Calls `handle` from now on for every signal that asks this process to end, with the exit code that belongs to it.
-    pub(crate) fn watch(mut handle: impl FnMut(u8) + Send + 'static) -> io::Result<()> {
+    pub(crate) fn watch(handle: impl FnMut(u8) + Send + 'static) -> io::Result<()> {
         let mut signals = vec![SIGINT, SIGTERM];
         if !hangup_is_ignored() {
             signals.push(SIGHUP);
         }
         let mut signals = Signals::new(signals)?;
-        let watch = move || {
-            signals
-                .forever()
-                .for_each(|signal| handle(if signal == SIGINT { INTERRUPTED } else { TERMINATED }));
-        };
+        let exit_code = |signal| if signal == SIGINT { INTERRUPTED } else { TERMINATED };
+        let watch = move || signals.forever().map(exit_code).for_each(handle);
         thread::Builder::new().name("signals".into()).spawn(watch).map(drop)
     }
 

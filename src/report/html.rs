@@ -270,7 +270,7 @@ fn keys(settings: &[[String; 4]]) -> String {
 }
 
 fn config_file(title: &str, config: &Value) -> String {
-    let text = serde_json::to_string_pretty(config).unwrap_or_default();
+    let text = format!("{config:#}");
     format!(
         "<details>\n<summary>{}</summary>\n<pre>{}</pre>\n</details>\n",
         escaped(title),

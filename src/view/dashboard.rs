@@ -2,7 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use ratatui::prelude::{Color, Constraint, Frame, Layout, Line, Rect, Stylize};
+use ratatui::prelude::Constraint::{Fill, Length, Min};
+use ratatui::prelude::{Color, Frame, Layout, Line, Rect, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LineGauge, Paragraph};
 
@@ -167,17 +168,12 @@ impl Dashboard {
     }
 
     pub(super) fn draw(&self, frame: &mut Frame<'_>, status: &str) {
-        let [title, progress, pictures, diagnostics, keys] = Layout::vertical([
-            Constraint::Length(1),
-            Constraint::Length(1),
-            Constraint::Min(8),
-            Constraint::Length((self.known().count() as u16 + 2).div_ceil(2) + 2),
-            Constraint::Length(1),
-        ])
-        .areas(frame.area());
+        let diagnostics = (self.known().count() as u16 + 2).div_ceil(2) + 2;
+        let heights = [Length(1), Length(1), Min(8), Length(diagnostics), Length(1)];
+        let [title, progress, pictures, diagnostics, keys] = Layout::vertical(heights).areas(frame.area());
         frame.render_widget(Line::from(vec!["train".bold(), format!(" {}", self.name).into()]), title);
         self.draw_progress(frame, progress, status);
-        let [curve, cart] = Layout::horizontal([Constraint::Fill(1); 2]).areas(pictures);
+        let [curve, cart] = Layout::horizontal([Fill(1); 2]).areas(pictures);
         self.draw_curve(frame, curve);
         self.draw_player(frame, cart);
         self.draw_diagnostics(frame, diagnostics);
@@ -245,8 +241,7 @@ impl Dashboard {
 
     fn draw_diagnostics(&self, frame: &mut Frame<'_>, area: Rect) {
         let block = Block::bordered().title(" from inside, at each evaluation ");
-        let columns: [Rect; 2] =
-            Layout::horizontal([Constraint::Fill(1); 2]).spacing(2).areas(block.inner(area));
+        let columns: [Rect; 2] = Layout::horizontal([Fill(1); 2]).spacing(2).areas(block.inner(area));
         frame.render_widget(block, area);
         let own = [("ε", &self.epsilon), ("loss", &self.loss)];
         let width = usize::from(columns[0].width).saturating_sub(27);

@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
-use ratatui::prelude::{Constraint, Frame, Layout, Line, Rect, Span, Stylize};
+use ratatui::prelude::Constraint::{Length, Min};
+use ratatui::prelude::{Frame, Layout, Line, Rect, Span, Stylize};
 use ratatui::widgets::{Block, Paragraph};
 
 use super::player::Player;
@@ -86,14 +87,9 @@ impl Watch {
     }
 
     fn draw(&self, frame: &mut Frame<'_>) {
-        let [title, picture, values, returns, keys] = Layout::vertical([
-            Constraint::Length(1),
-            Constraint::Min(8),
-            Constraint::Length(2 + self.shown_values() as u16),
-            Constraint::Length(2),
-            Constraint::Length(1),
-        ])
-        .areas(frame.area());
+        let values = 2 + self.shown_values() as u16;
+        let heights = [Length(1), Min(8), Length(values), Length(2), Length(1)];
+        let [title, picture, values, returns, keys] = Layout::vertical(heights).areas(frame.area());
         let name = format!(" {}", self.name);
         frame.render_widget(Line::from(vec!["watch".bold(), name.into()]), title);
         let state = self.state(usize::from(picture.width).saturating_sub(2));
