@@ -24,6 +24,15 @@ import traceback
 import gymnasium
 import numpy
 
+# Tasks that are their own mirror image, as docs/environments.md describes it. In LunarLander left and right are exchanged: x, the
+# horizontal velocity, the angle and its velocity change their sign, and the legs and the side engines change places.
+MIRRORS = {
+    "LunarLander-v3": {
+        "observation": [[0, -1], [1, 1], [2, -1], [3, 1], [4, -1], [5, -1], [7, 1], [6, 1]],
+        "actions": [0, 3, 2, 1],
+    },
+}
+
 
 def parse():
     parser = argparse.ArgumentParser(description="Answers the requests of cartpole-dqn on standard input.")
@@ -61,6 +70,7 @@ class Task:
             "solved_return": registered.reward_threshold,
             "return_range": arguments.return_range,
             "steps_per_second": self.env.metadata.get("render_fps"),
+            "mirror": MIRRORS.get(self.env.spec.id),
         }
 
     def make(self, **more):

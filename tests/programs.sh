@@ -93,6 +93,11 @@ refused 'the action space must be Discrete' Pendulum-v1
 refused 'the observation space must be a Box of one dimension' FrozenLake-v1
 refused 'NameNotFound' NoSuchTask-v0
 
+# The adapter says how LunarLander is mirrored.
+if python3 -c 'import Box2D' > /dev/null 2>&1; then
+    python3 "$repository/tests/interop/lunar_lander_mirror.py"
+fi
+
 # Pictures.
 if python3 -c 'import pygame' > /dev/null 2>&1; then
     "$binary" render cartpole --allow-command -o cartpole.gif --steps 20
