@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The tutorial's claims, each a study of 100 seeds on base.json: the tutorial's settings with minibatch updates, time
-# limits handled as truncation, and 20,000 environment steps. `mirror_plain` is a study of plain.json.
+# limits handled as truncation, and 20,000 environment steps. `mirror_plain` is a study of plain.json beside it.
 #   configs/studies/run.sh OUT [NAME …]      without a name: all
 set -euo pipefail
 base=$(dirname "$0")/base.json
@@ -26,7 +26,7 @@ run() {
     truncation) study "$1" truncation_is_terminal=true,false ;;
     per_sample) study "$1" replay.update=per_sample,minibatch ;;
     mirror) study "$1" replay.mirror=false,true ;;
-    mirror_plain) base=$(dirname "$0")/../plain.json study "$1" replay.mirror=false,true ;;
+    mirror_plain) base=$(dirname "$0")/plain.json study "$1" replay.mirror=false,true ;;
     epsilon_decay) study "$1" exploration.decay=0.98,0.99,0.995,0.998 ;;
     *) echo "unknown study $1" >&2 && exit 2 ;;
     esac

@@ -12,7 +12,7 @@ use crate::env::{CartPole, Outcome};
 /// Fewest rows of which anything is said that one row alone does not prove.
 const FEW: usize = 8;
 /// Most sequences of actions that are tried between s and s′ of a sample of several steps.
-const MAX_SEQUENCES: usize = 64;
+const MAX_SEQUENCES: usize = 128;
 
 #[derive(Debug, Default, Serialize)]
 pub struct BatchVerdict {

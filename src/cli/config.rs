@@ -40,7 +40,7 @@ struct Show {
 pub(super) fn run(arguments: ConfigArguments) -> Result<(), Failure> {
     match arguments.command {
         ConfigCommand::List => print(
-            &SHIPPED.iter().map(|config| format!("{:22}{}\n", config.name, config.about)).collect::<String>(),
+            &SHIPPED.iter().map(|config| format!("{:25}{}\n", config.name, config.about)).collect::<String>(),
         ),
         ConfigCommand::Show(Show { layers, json }) => {
             let config = layers.resolve()?;

@@ -8,6 +8,7 @@ use super::permission::{AllowCommand, allowance, ask_task};
 use super::signals::{self, Signals};
 use super::ui::{Failure, cannot_write, check_out, note, print, print_json, program, say};
 use crate::config::Config;
+use crate::os::cpu_seconds;
 use crate::run::{EndedRun, Recorder, Resumed, RunDir, RunRecord, Started, read_summary, resume, start};
 use crate::sink::{Console, EpisodeLog, TensorBoard};
 use crate::text::{shell_word, shown};
@@ -96,7 +97,7 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
     let error = match result {
         Ok(EndReason::Interrupted) => None,
         Ok(reason) => {
-            let record = RunRecord::new(&run, &trainer, reason, seconds);
+            let record = RunRecord::new(&run, &trainer, reason, seconds, cpu_seconds());
             // The summary is also printed when it cannot be saved.
             let saved = run.write_json(&run.summary(), &record);
             drop(observers);
@@ -121,7 +122,7 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
     };
     if arguments.json {
         // No file says that a run was stopped or failed, so these are no reasons of a record.
-        let mut record = json!(RunRecord::new(&run, &trainer, EndReason::Budget, seconds));
+        let mut record = json!(RunRecord::new(&run, &trainer, EndReason::Budget, seconds, cpu_seconds()));
         record["end_reason"] = json!(if exit_code.is_some() { "interrupted" } else { "failed" });
         if let Some(error) = &error {
             record["error"] = json!(error.to_string());
@@ -247,7 +248,9 @@ fn fitting(label: &str, value: &str) -> String {
 }
 
 fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str) -> String {
-    let Summary { env_steps, episodes, updates, seed, wall_seconds, .. } = record.summary;
+    let Summary { env_steps, episodes, updates, evaluation_steps, lasting_test_steps, .. } = record.summary;
+    let Summary { seed, wall_seconds, .. } = record.summary;
+    let cpu = record.cpu_seconds.map_or_else(String::new, |seconds| format!("; {seconds:.2} s of CPU"));
     let evaluations = [record.summary.best_evaluation, record.summary.final_evaluation];
     let task = trainer.spec();
     let ended = match record.summary.end_reason {
@@ -276,6 +279,7 @@ fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str
         "\
 {}
 trained    {env_steps} steps, {episodes} episodes, {updates} updates in {wall_seconds:.2} s (seed {seed})
+played     {evaluation_steps} steps in evaluations, {lasting_test_steps} to test the end{cpu}
 ended      {ended}
 training   {training}
 best       {best}

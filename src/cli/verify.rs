@@ -69,7 +69,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     drop(observers);
     let mut differences = compare_files(&run, &again, &extent)?;
     if let Some(recorded) = summary {
-        differences.extend(compare_summaries(recorded, &RunRecord::new(&again, &trainer, reason, 0.0)));
+        differences.extend(compare_summaries(recorded, &RunRecord::new(&again, &trainer, reason, 0.0, None)));
     }
     report(&differences, &extent, arguments)
 }

@@ -14,7 +14,7 @@ use crate::trainer::Budget;
 /// The agent of `configs/cartpole.json`.
 pub(super) fn default() -> DqnConfig {
     DqnConfig {
-        network: NetworkConfig { hidden: vec![64, 64], init: Init::Torch },
+        network: NetworkConfig { hidden: vec![24, 24], init: Init::Torch },
         optimizer: OptimizerConfig {
             learning_rate: 3e-3,
             beta1: 0.9,
@@ -25,8 +25,8 @@ pub(super) fn default() -> DqnConfig {
         },
         loss: Loss::Mse,
         gamma: 0.999,
-        n_step: 6,
-        double: true,
+        n_step: 8,
+        double: false,
         replay: ReplayConfig {
             capacity: 20_000,
             batch_size: 32,
@@ -38,7 +38,7 @@ pub(super) fn default() -> DqnConfig {
         exploration: Exploration::Linear { initial: 1.0, final_: 0.2, steps: 1500, repeat: 1 },
         target: TargetUpdate::Soft { tau: 0.02 },
         truncation_is_terminal: false,
-        observation_divisors: Some(vec![2.4, 2.0, 0.2095, 2.0]),
+        observation_divisors: None,
         reward_scale: 0.01,
         policy_weights: PolicyWeights::Target,
     }

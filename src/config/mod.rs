@@ -117,7 +117,7 @@ impl Default for Config {
             evaluation: EvaluationConfig { every_steps: 500, episodes: 20 },
             checkpoint: CheckpointConfig { every_steps: 10_000 },
             stop_when_solved: false,
-            stop_when_lasting_steps: Some(7500),
+            stop_when_lasting_steps: Some(5000),
         }
     }
 }
@@ -149,14 +149,13 @@ impl Config {
         Self::default_of(name, &json!(Self::default().environment))
     }
 
-    /// The default with another agent and another task. What the task or the agent cannot have is left out: divisors for
-    /// other coordinates, a mirror image that the task lacks, the test of a policy that lasts where an episode is meant to end.
+    /// The default with another agent and another task. What the task or the agent cannot have is left out: a
+    /// mirror image that the task lacks, the test of a policy that lasts where an episode is meant to end.
     fn default_of(agent: &str, environment: &Value) -> Self {
         let (mut config, mut dqn) = (Self::default(), dqn::default());
         if *environment != json!(config.environment) {
             let named = serde_json::from_value::<EnvironmentId>(environment.clone());
             dqn.replay.mirror = named.is_ok_and(|id| id.spec().mirror.is_some());
-            dqn.observation_divisors = None;
             config.stop_when_lasting_steps = None;
         }
         config.agent = match agent {

@@ -24,9 +24,9 @@ macro_rules! shipped {
 
 /// All of them, the default first.
 pub const SHIPPED: &[Shipped] = shipped! {
-    "cartpole": "the default: Double DQN until a policy lasts";
-    "fast": "the default with half of its steps and of its memory";
-    "plain": "plain DQN, a time limit handled as truncation";
+    "cartpole": "the default: 8-step DQN until a policy lasts";
+    "fast": "Double DQN with a wider network, for 10,000 steps";
+    "plain": "plain DQN with settings that hold";
     "tutorial": "a beginner's tutorial in Keras";
     "forgetting": "DQN as most programs have it, which learns and forgets";
     "q_table": "a table of 12 cells on CartPole";
@@ -35,6 +35,20 @@ pub const SHIPPED: &[Shipped] = shipped! {
     "acrobot": "Acrobot-v1";
     "mountain_car": "MountainCar-v0";
     "lunar_lander": "LunarLander-v3 of Gymnasium; needs a clone and Python";
+    "ladder/01_tutorial": "the tutorial, for 20,000 steps; the others lead on";
+    "ladder/02_minibatch": "one update for a whole minibatch, as in PyTorch";
+    "ladder/03_truncation": "a time limit is no fall";
+    "ladder/04_soft_target": "the target network moves a little every step";
+    "ladder/05_target_policy": "the target network is the policy";
+    "ladder/06_n_step": "eight rewards in a target";
+    "ladder/07_gamma": "the discount factor is 0.999";
+    "ladder/08_memory": "a memory that forgets nothing";
+    "ladder/09_learning_rate": "three times the learning rate";
+    "ladder/10_mirror": "mirror images";
+    "ladder/11_exploration": "ε falls by steps, to 0.2";
+    "ladder/12_reward_scale": "rewards of 0.01";
+    "ladder/13_long_episodes": "training episodes of up to 10,000 steps";
+    "ladder/14_early_end": "the default, which ends with a policy that lasts";
     "smoke": "a small, short run for tests";
 };
 

@@ -1,5 +1,12 @@
 //! Linux, macOS and other Unixes.
 
+/// Seconds of CPU that this process has taken; none where the system does not say.
+#[cfg(feature = "cli")]
+pub(crate) fn cpu_seconds() -> Option<f64> {
+    let taken = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(taken.tv_sec as f64 + taken.tv_nsec as f64 / 1e9)
+}
+
 /// Relative to an open directory, no call follows a link: each takes one name, and opens nothing that is a link.
 #[cfg(feature = "files")]
 pub(crate) mod directory {

@@ -5,6 +5,11 @@ pub(crate) fn host_name() -> String {
     "wasm".into()
 }
 
+#[cfg(feature = "cli")]
+pub(crate) fn cpu_seconds() -> Option<f64> {
+    None
+}
+
 #[cfg(feature = "files")]
 pub(crate) mod directory {
     use std::fs::File;

@@ -1,5 +1,10 @@
 //! Windows.
 
+#[cfg(feature = "cli")]
+pub(crate) fn cpu_seconds() -> Option<f64> {
+    None
+}
+
 /// A lock of Windows keeps others from reading, so that nobody could look at a run that is training. So whoever opens a file
 /// says instead what others may do with it meanwhile.
 #[cfg(feature = "files")]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::history;
 use crate::env::Spec;
-use crate::study::{Finished, NamedConfig, Omitted, PolicyScore, StudyDir};
+use crate::study::{Finished, NamedConfig, Omitted, PolicyScore, StudyDir, TrialSummary};
 use crate::trainer::Evaluation;
 
 pub(super) struct Group {
@@ -16,6 +16,8 @@ pub(super) struct Group {
 pub(super) struct TrialOutcome {
     pub(super) seed: u64,
     pub(super) error: Option<Box<str>>,
+    /// The environment steps of training, of evaluations and of the tests of `stop_when_lasting_steps`.
+    pub(super) steps_played: Option<[u64; 3]>,
     /// The key that ended it before its budget was used up.
     pub(super) stopped_by: Option<&'static str>,
     pub(super) best: Option<PolicyOutcome>,
@@ -44,12 +46,16 @@ impl TrialOutcome {
         if !own.clone().eq(steps.iter().copied()) {
             *steps = own.collect();
         }
+        let played = |summary: &TrialSummary| {
+            Some([summary.env_steps?, summary.evaluation_steps?, summary.lasting_test_steps?])
+        };
         let policy = |score: PolicyScore| PolicyOutcome { mean: score.mean, lasts: score.lasts };
         Self {
             seed: trial.seed,
             best: trial.best.map(policy),
             final_: trial.final_.map(policy),
             steps: Arc::clone(steps),
+            steps_played: trial.summary.as_ref().and_then(played),
             stopped_by: trial.summary.and_then(|summary| history::stopped_by(summary.end_reason?)),
             means: trial.evaluations.iter().map(|evaluation| evaluation.mean).collect(),
             error: trial.error.map(String::into_boxed_str),

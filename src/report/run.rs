@@ -2,14 +2,14 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::history::{self, LostSolution, Retention};
 use super::{FORMAT_VERSION, Report, ReportError, csv, parse, plots};
 use crate::config::EnvironmentConfig;
 use crate::env::Spec;
-use crate::run::names::{CONFIG, EVALUATIONS, METRICS};
+use crate::run::names::{CONFIG, EVALUATIONS, METRICS, SUMMARY};
 use crate::run::read_events;
 use crate::trainer::{EndReason, Evaluation, Event};
 
@@ -90,6 +90,8 @@ pub(super) struct RunReport {
     pub(super) final_: Evaluation,
     area_under_curve: f64,
     training: Option<Training>,
+    /// None before the run has ended.
+    price: Option<Price>,
     retention: Option<Retention>,
     collapses: Vec<Collapse>,
     dips: Vec<LostSolution>,
@@ -114,6 +116,15 @@ impl Training {
         let solved_at_step = solved.map(|&(env_steps, _)| env_steps as u64);
         Some(Self { episodes: episodes.len(), mean_return_100, solved_at_step })
     }
+}
+
+/// What the run cost, as its `summary.json` says.
+#[derive(Serialize, Deserialize)]
+struct Price {
+    env_steps: u64,
+    evaluation_steps: u64,
+    lasting_test_steps: u64,
+    cpu_seconds: Option<f64>,
 }
 
 /// A solution that was lost to less than half way back to the random policy.
@@ -184,6 +195,7 @@ impl Run {
             final_,
             area_under_curve: history::area_under_curve(&grid, &curve),
             training: Training::of(&history.training, &task),
+            price: parse(&directory.join(SUMMARY)).ok(),
             retention: history::retention(evaluations, &task),
             collapses: losses.iter().filter_map(collapse).collect(),
             dips: losses.iter().filter(|loss| loss.collapse.is_none()).copied().collect(),
@@ -320,6 +332,13 @@ fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<Stri
         let count = EPISODES.min(*episodes);
         said.push(format!(
             "training: mean return {mean_return_100:.1} over the last {count} training episodes; {solved}"
+        ));
+    }
+    if let Some(Price { env_steps, evaluation_steps, lasting_test_steps, cpu_seconds }) = &report.price {
+        let cpu = cpu_seconds.map_or_else(String::new, |seconds| format!("; {seconds:.2} s of CPU"));
+        said.push(format!(
+            "price: {env_steps} steps of training; without learning {evaluation_steps} steps in evaluations and \
+             {lasting_test_steps} in tests whether a policy lasts{cpu}"
         ));
     }
     said.push(format!("best: {}", at(best)));

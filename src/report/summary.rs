@@ -58,6 +58,9 @@ pub(super) struct ConfigReport {
     /// IQM over seeds of the area under the learning curve.
     pub(super) area_under_curve: Estimate,
     pub(super) steps_to_solve: StepsToSolve,
+    /// None where no trial has counted them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) steps_played: Option<StepsPlayed>,
     pub(super) retention: ConfigRetention,
     /// None where the study did not ask.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -80,6 +83,14 @@ pub(super) struct StepsToSolve {
     pub(super) never: usize,
     #[serde(skip)]
     pub(super) solved: Vec<u64>,
+}
+
+/// Medians over the seeds of the environment steps of a run, whose price these are. It learns from those of training alone.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct StepsPlayed {
+    pub(super) training: u64,
+    pub(super) evaluations: u64,
+    pub(super) lasting_tests: u64,
 }
 
 /// [`Retention`] over the seeds that solved.
@@ -160,6 +171,7 @@ pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigRep
         best_mean: Estimate::of(&bests, mean),
         area_under_curve: Estimate::of(&areas, iqm),
         steps_to_solve: steps_to_solve(task, outcomes),
+        steps_played: steps_played(outcomes),
         retention: retention(task, outcomes),
         lasting: lasting(outcomes),
         performance_profile: profile(task, &finals),
@@ -175,6 +187,16 @@ fn steps_to_solve(task: &Spec, outcomes: &[TrialOutcome]) -> StepsToSolve {
     let quantile = |q| statistics::censored_quantile(&solved, outcomes.len(), q);
     let [q10, q25, q50, q75, q90] = [0.1, 0.25, 0.5, 0.75, 0.9].map(quantile);
     StepsToSolve { q10, q25, q50, q75, q90, never: outcomes.len() - solved.len(), solved }
+}
+
+fn steps_played(outcomes: &[TrialOutcome]) -> Option<StepsPlayed> {
+    let played: Vec<[u64; 3]> = outcomes.iter().filter_map(|outcome| outcome.steps_played).collect();
+    let median = |of: usize| {
+        let mut steps: Vec<u64> = played.iter().map(|played| played[of]).collect();
+        steps.sort_unstable();
+        steps.get((steps.len().max(1) - 1) / 2).copied()
+    };
+    Some(StepsPlayed { training: median(0)?, evaluations: median(1)?, lasting_tests: median(2)? })
 }
 
 fn lasting(outcomes: &[TrialOutcome]) -> Option<Lasting> {

@@ -3,7 +3,7 @@
 use super::comparison::{Comparison, statements};
 use super::failures::{of_last_tries, reason_lines};
 use super::statistics::{Estimate, shown};
-use super::summary::{ConfigReport, ConfigRetention, Lasting, StepsToSolve, StudyReport};
+use super::summary::{ConfigReport, ConfigRetention, Lasting, StepsPlayed, StepsToSolve, StudyReport};
 use crate::study::{LASTING_STEPS, SCORE_EPISODES, Study};
 use crate::text::{self, COLUMNS, GAP, LEAST_NAME, legend, table, visible, width, wrapped};
 use crate::trainer::LASTING_EPISODES;
@@ -105,6 +105,17 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
             Some(vec![shown(&c.final_mean, 1), shown(&c.final_median, 1)])
         }),
     ];
+    if configs.iter().any(|config| config.steps_played.is_some()) {
+        tables.push(table(
+            "What a run costs, in environment steps, the median over the seeds: those of training, and those that were played \
+             without learning, in evaluations and in tests whether a policy lasts:",
+            &["training", "evaluations", "tests"],
+            &|c| {
+                let StepsPlayed { training, evaluations, lasting_tests } = c.steps_played.as_ref()?;
+                Some([training, evaluations, lasting_tests].map(ToString::to_string).to_vec())
+            },
+        ));
+    }
     if configs.iter().any(|config| config.lasting.is_some()) {
         tables.push(table(
             &format!(

@@ -48,6 +48,8 @@ pub(crate) struct RunRecord {
     pub(crate) summary: Summary,
     /// Mean return of the last 100 training episodes, or of as many as there are.
     pub(crate) mean_return_100: Option<f64>,
+    /// Seconds of CPU of the process that ended the run, without those of an environment that is a program.
+    pub(crate) cpu_seconds: Option<f64>,
     /// SHA-256 over the weights that `--init-from` gave the run; none if they were drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
     init_sha256: Option<String>,
@@ -61,12 +63,20 @@ pub(crate) struct RunRecord {
 
 impl RunRecord {
     /// Fields that may differ between equal runs.
-    pub(crate) const CIRCUMSTANCES: [&str; 4] = ["wall_seconds", "version", "git_revision", "cpu_path"];
+    pub(crate) const CIRCUMSTANCES: [&str; 5] =
+        ["wall_seconds", "cpu_seconds", "version", "git_revision", "cpu_path"];
 
-    pub fn new(run: &RunDir, trainer: &Trainer, reason: EndReason, wall_seconds: f64) -> Self {
+    pub fn new(
+        run: &RunDir,
+        trainer: &Trainer,
+        reason: EndReason,
+        wall_seconds: f64,
+        cpu_seconds: Option<f64>,
+    ) -> Self {
         let sha256_of = |path: PathBuf| read_limited(&path, MAX_FILE_SIZE).ok().map(|bytes| sha256([bytes]));
         Self {
             summary: trainer.summary(reason, wall_seconds),
+            cpu_seconds,
             mean_return_100: trainer.progress().mean_return_100(),
             init_sha256: sha256_of(run.init()),
             config_sha256: sha256_of(run.config()),

@@ -44,6 +44,10 @@ pub struct Trial<S = Value> {
 #[derive(Debug, Deserialize)]
 pub(crate) struct TrialSummary {
     pub(crate) end_reason: Option<EndReason>,
+    pub(crate) env_steps: Option<u64>,
+    /// Missing where a program from before these counters trained the trial.
+    pub(crate) evaluation_steps: Option<u64>,
+    pub(crate) lasting_test_steps: Option<u64>,
 }
 
 /// What a policy gets in [`SCORE_EPISODES`] episodes from [`SCORE_SEED`].
@@ -152,7 +156,8 @@ impl Trial {
             let played = evaluate(policy, &*make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
             let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
             let Score { mean, std, min, median, max, .. } = Score::new(&returns);
-            let lasts = lasting.then(|| lasts(policy, &*make, LASTING_STEPS)).transpose()?;
+            let lasts =
+                lasting.then(|| lasts(policy, &*make, LASTING_STEPS)).transpose()?.map(|(lasts, _)| lasts);
             Ok(PolicyScore { env_steps, mean, std, min, median, max, lasts })
         };
         let best = trainer.best_policy().zip(progress.best_evaluation);

@@ -38,10 +38,12 @@ pub fn evaluate(
 /// From every second start an action is random with probability [`LASTING_EPSILON`]: such an episode sees states that the policy by
 /// itself reaches from one start in a hundred. The others show whether it drifts when it is left alone. The starts are those of
 /// the evaluations and of the seeds after them. The random actions of an episode come from [`Stream::Explore`] of its seed.
-pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Answer<bool> {
+/// The number is how many steps were played.
+pub fn lasts(policy: &Policy, make: &Make, steps: u32) -> Answer<(bool, u64)> {
     let test = Play { policy, make, max_steps: steps, gamma: 1.0, is_test: true };
     let played = test.episodes(super::EVALUATION_SEED, LASTING_EPISODES)?;
-    Ok(played.iter().all(|episode| !episode.terminated && episode.steps >= u64::from(steps)))
+    let lasts = played.iter().all(|episode| !episode.terminated && episode.steps >= u64::from(steps));
+    Ok((lasts, played.iter().map(|episode| episode.steps).sum()))
 }
 
 struct Play<'a> {

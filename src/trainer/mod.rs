@@ -194,6 +194,7 @@ impl Trainer {
         let score = Score::new(&played.iter().map(|episode| episode.total).collect::<Vec<_>>());
         let is_better = self.progress.best_evaluation.is_none_or(|best| score.mean > best.mean);
         let mean_length = played.iter().map(|one| one.steps as f64).sum::<f64>() / played.len() as f64;
+        self.progress.evaluation_steps += played.iter().map(|one| one.steps).sum::<u64>();
         let solved = self.spec.is_solved_by(score.mean);
         if solved && self.ends_with(&policy)? {
             self.progress.lasting_at_step = Some(self.progress.env_steps);
@@ -218,12 +219,16 @@ impl Trainer {
 
     /// Whether a policy that solves the task is to end the run: the one evaluated before it solved the task too, and this one
     /// lasts. A last evaluation at a step at which a longer run would have none does not count.
-    fn ends_with(&self, policy: &Policy) -> Answer<bool> {
+    fn ends_with(&mut self, policy: &Policy) -> Answer<bool> {
         let Progress { env_steps, last_evaluation, .. } = self.progress;
         let is_due = env_steps.is_multiple_of(self.config.evaluation.every_steps);
         let was_solved = last_evaluation.is_some_and(|last| self.spec.is_solved_by(last.mean));
         match self.config.stop_when_lasting_steps {
-            Some(steps) if is_due && was_solved => lasts(policy, &*self.make, steps),
+            Some(steps) if is_due && was_solved => {
+                let (lasts, played) = lasts(policy, &*self.make, steps)?;
+                self.progress.lasting_test_steps += played;
+                Ok(lasts)
+            }
             _ => Ok(false),
         }
     }
@@ -296,9 +301,12 @@ impl Trainer {
         self.best_is_saved = false;
         self.saved_at = Some(progress.env_steps);
         self.progress = progress;
-        if self.config.stop_when_lasting_steps.is_none() && self.progress.lasting_at_step.take().is_some() {
-            // The next checkpoint must not keep the one that says so.
-            self.saved_at = None;
+        if self.config.stop_when_lasting_steps.is_none() {
+            // From here on the run is one that never tested. The next checkpoint must not keep one that says otherwise.
+            let played = std::mem::take(&mut self.progress.lasting_test_steps);
+            if self.progress.lasting_at_step.take().is_some() || played > 0 {
+                self.saved_at = None;
+            }
         }
         Ok(self)
     }
@@ -356,11 +364,14 @@ impl Trainer {
 
     pub fn summary(&self, end_reason: EndReason, wall_seconds: f64) -> Summary {
         let Progress { env_steps, episodes, updates, solved_at_step, branched_at_step, .. } = self.progress;
+        let Progress { evaluation_steps, lasting_test_steps, .. } = self.progress;
         Summary {
             seed: self.config.seed,
             env_steps,
             episodes,
             updates,
+            evaluation_steps,
+            lasting_test_steps,
             end_reason,
             best_evaluation: self.progress.best_evaluation,
             final_evaluation: self.progress.last_evaluation,

@@ -19,6 +19,12 @@ pub struct Progress {
     pub env_steps: u64,
     pub episodes: u64,
     pub updates: u64,
+    /// Environment steps that evaluations played.
+    #[serde(default)]
+    pub evaluation_steps: u64,
+    /// Environment steps that the tests of `stop_when_lasting_steps` played.
+    #[serde(default)]
+    pub lasting_test_steps: u64,
     /// The best evaluation so far, the latest of equals.
     pub best_evaluation: Option<Evaluation>,
     pub last_evaluation: Option<Evaluation>,
@@ -46,6 +52,7 @@ impl Progress {
         let Self { env_steps, episodes, updates, events, episode_length, losses, .. } = *self;
         let at_most_one_a_step = [episodes, events / 4, episode_length, losses.1];
         env_steps.max(updates) < 1 << 62
+            && self.evaluation_steps.max(self.lasting_test_steps) < 1 << 62
             && at_most_one_a_step.iter().all(|&count| count <= env_steps)
             && self.recent_returns.len() <= RECENT_EPISODES
     }
@@ -128,6 +135,11 @@ pub struct Summary {
     pub env_steps: u64,
     pub episodes: u64,
     pub updates: u64,
+    /// What was played without learning, to choose a policy: see [`Progress`].
+    #[serde(default)]
+    pub evaluation_steps: u64,
+    #[serde(default)]
+    pub lasting_test_steps: u64,
     pub(crate) end_reason: EndReason,
     /// The best evaluation, the latest of equals. `best.safetensors` holds its policy.
     pub best_evaluation: Option<Evaluation>,

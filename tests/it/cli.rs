@@ -368,11 +368,14 @@ fn json_prints_the_summary_alone() {
         "best_evaluation",
         "config_sha256",
         "cpu_path",
+        "cpu_seconds",
         "end_reason",
         "env_steps",
         "episodes",
+        "evaluation_steps",
         "final_evaluation",
         "git_revision",
+        "lasting_test_steps",
         "mean_return_100",
         "seed",
         "solved_at_step",
@@ -388,6 +391,27 @@ fn json_prints_the_summary_alone() {
     assert_eq!(summary["solved_at_step"], Value::Null);
     assert_eq!(summary["weights_sha256"].as_str().unwrap().len(), 64);
     assert_eq!(summary, sandbox.json("run/summary.json"));
+}
+
+#[test]
+fn the_price_of_a_run_is_printed_and_is_in_its_summary_and_in_reports() {
+    let sandbox = Sandbox::new();
+    let printed = predicate::str::contains(" to test the end; ");
+    sandbox.train(&["--out", "run", "--seed", "7"]).success().stdout(printed);
+    let played = sandbox.json("run/summary.json")["evaluation_steps"].as_u64().unwrap();
+    assert!(played > 0);
+    let price = format!(
+        "price: 200 steps of training; without learning {played} steps in evaluations and 0 in tests whether"
+    );
+    let report = sandbox.run(&["report", "run"]).success();
+    let printed = String::from_utf8(report.get_output().stdout.clone()).unwrap();
+    assert!(printed.split_whitespace().collect::<Vec<_>>().join(" ").contains(&price), "{printed}");
+    let study = ["study", "--quiet", "--seeds", "7..8", "--out", "study"];
+    sandbox.run(&[&study[..], &sets(TINY)].concat()).success();
+    let said = predicate::str::contains("What a run costs");
+    sandbox.run(&["report", "study"]).success().stdout(said);
+    let price = json!({"training": 200, "evaluations": played, "lasting_tests": 0});
+    assert_eq!(sandbox.json("study/report.json")["configs"][0]["steps_played"], price);
 }
 
 #[test]

@@ -78,9 +78,9 @@ fn another_task_or_agent_has_the_default_for_every_key_that_it_has() {
         }
         keys
     };
-    let acrobot = ["environment", "observation_divisors", "stop_when_lasting_steps"];
+    let acrobot = ["environment", "stop_when_lasting_steps"];
     assert_eq!(differing(&["environment=Acrobot-v1"]), acrobot);
-    let mountain_car = ["environment", "replay", "observation_divisors", "stop_when_lasting_steps"];
+    let mountain_car = ["environment", "replay", "stop_when_lasting_steps"];
     assert_eq!(differing(&["environment=MountainCar-v0"]), mountain_car);
     assert_eq!(differing(&[r#"environment={"command":["./task"]}"#]), mountain_car);
     assert_eq!(differing(&["agent=q_table"]), ["agent", "table", "optimizer"]);

@@ -667,6 +667,7 @@ fn a_run_that_never_learned_is_called_so() {
         "format_version",
         "half_way",
         "kind",
+        "price",
         "retention",
         "seed",
         "solved_at_step",

@@ -150,7 +150,7 @@ refusals! {
     refuses_the_path_of_a_clone_that_is_not_there:
         [], ["train", "--config", "configs/tutorial.json"] => ["cannot read configs/tutorial.json", "did you mean `tutorial`?"];
     names_a_shipped_config_as_the_origin_of_its_values:
-        [], ["train", "--config", "plain", "--set", "replay.capacity=9"] => ["error: plain with --set: `replay.batch_size` is 64"];
+        [], ["train", "--config", "plain", "--set", "replay.capacity=9"] => ["error: plain with --set: `replay.batch_size` is 32"];
 }
 
 /// Its program is a file of the repository.

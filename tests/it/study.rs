@@ -306,9 +306,15 @@ fn a_trial_is_what_train_and_eval_give() {
         let expected = ["best", "config", "error", "evaluations", "final", "seed", "summary"];
         assert_eq!(keys(&trial), expected);
         let mut summary = sandbox.json(&format!("{run}/summary.json"));
-        for circumstance in
-            ["wall_seconds", "config_sha256", "version", "git_revision", "cpu_path", "mean_return_100"]
-        {
+        for circumstance in [
+            "wall_seconds",
+            "cpu_seconds",
+            "config_sha256",
+            "version",
+            "git_revision",
+            "cpu_path",
+            "mean_return_100",
+        ] {
             summary.as_object_mut().unwrap().remove(circumstance).unwrap();
         }
         assert_eq!(trial["summary"], summary);

@@ -190,11 +190,18 @@ fn a_policy_lasts_or_not_in_any_number_of_processes() {
         Ok(Box::new(InProcesses(cartpole(steps)?)))
     };
     for policy in &evaluated.0 {
-        let here = lasts(policy, &cartpole, 2000).unwrap();
-        assert_eq!(lasts(policy, &in_processes, 2000).unwrap(), here);
+        let (here, _) = lasts(policy, &cartpole, 2000).unwrap();
+        assert_eq!(lasts(policy, &in_processes, 2000).unwrap().0, here);
     }
-    assert!(lasts(evaluated.0.last().unwrap(), &cartpole, 2000).unwrap());
-    assert!(!lasts(&evaluated.0[0], &cartpole, 2000).unwrap());
+    // The run counts what its tests played: of every policy that solves the task like the one before it.
+    let Evaluated(policies, means) = &evaluated;
+    let tested = (1..means.len()).filter(|&k| means[k - 1] >= 475.0 && means[k] >= 475.0);
+    let played: u64 = tested.map(|k| lasts(&policies[k], &cartpole, 2000).unwrap().1).sum();
+    assert_eq!(trainer.progress().lasting_test_steps, played);
+    assert_eq!(trainer.progress().evaluation_steps, (20.0 * means.iter().sum::<f64>()).round() as u64);
+    assert_eq!(lasts(evaluated.0.last().unwrap(), &cartpole, 2000).unwrap(), (true, 100 * 2000));
+    let (first, played) = lasts(&evaluated.0[0], &cartpole, 2000).unwrap();
+    assert!(!first && played < 100 * 2000);
 }
 
 /// Nothing in this task terminates, and no policy of it lasts before two evaluations in a row have solved it.
