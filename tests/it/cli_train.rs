@@ -335,7 +335,7 @@ fn weights_of_another_shape_are_refused_with_both_shapes() {
     let sandbox = Sandbox::with_run();
     sandbox.refuses(
         &["train", "--init-from", "run", "--out", "new"],
-        &["run/checkpoints/best.safetensors", "[4, 8, 2]", "[4, 64, 64, 2]", "--set 'network.hidden=[8]'"],
+        &["run/checkpoints/best.safetensors", "[4, 8, 2]", "[4, 24, 24, 2]", "--set 'network.hidden=[8]'"],
     );
     sandbox.write("x.safetensors", "x");
     sandbox.refuses(&["train", "--init-from", "x.safetensors", "--out", "new"], &["x.safetensors"]);
