@@ -113,7 +113,7 @@ impl Default for Config {
             environment: EnvironmentConfig::Named(EnvironmentId::CartPoleV1),
             max_episode_steps: Some(10_000),
             agent: AgentConfig::Dqn(dqn::default()),
-            budget: Budget::Steps(20_000),
+            budget: Budget::Steps(40_000),
             evaluation: EvaluationConfig { every_steps: 500, episodes: 20 },
             checkpoint: CheckpointConfig { every_steps: 10_000 },
             stop_when_solved: false,

@@ -454,7 +454,7 @@ fn values_that_do_not_go_together_are_refused() {
             &["budget.steps=2000", "learn.every_steps=2001"],
             &["at least 2001", "`learn.every_steps` 2001"],
         ),
-        ("{}", &["replay.warmup_steps=18446744073709551615"], &["`budget.steps` is 20000"]),
+        ("{}", &["replay.warmup_steps=18446744073709551615"], &["`budget.steps` is 40000"]),
         (r#"{"gamma": 0.5}"#, &["budget.steps=5"], &["run.json with --set: "]),
     ];
     for (file, sets, fragments) in table {
