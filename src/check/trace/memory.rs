@@ -56,7 +56,7 @@ pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judg
     if changed(trace, origins, judgement) {
         return;
     }
-    if share(origins, Origin::Unknown) > 0.9 {
+    if count(origins, Origin::Unknown) * 10 > origins.len() * 9 {
         judgement.doubt(
             "which steps the minibatches are from: their observations are not those of the environment. If a wrapper scales \
              them, let recorder.environment be the outermost one; if they are scaled elsewhere, use a wrapper",
@@ -70,8 +70,8 @@ pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judg
     }
 }
 
-fn share(origins: &[Origin], kind: Origin) -> f64 {
-    origins.iter().filter(|origin| **origin == kind).count() as f64 / origins.len() as f64
+fn count(origins: &[Origin], kind: Origin) -> usize {
+    origins.iter().filter(|origin| **origin == kind).count()
 }
 
 /// Minibatches of one transition.
@@ -92,13 +92,15 @@ fn repeated(trace: &Trace, minibatches: &[Minibatch], judgement: &mut Judgement)
 /// Rows of which one observation is not the environment's, or is rounded.
 fn changed(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) -> bool {
     let all = origins.len();
-    let mostly = |kind: Origin| all >= ENOUGH_ROWS && share(origins, kind) >= 0.9;
+    let [s, next, unknown] =
+        [Origin::UnknownObservation, Origin::UnknownNext, Origin::Unknown].map(|kind| count(origins, kind));
+    let mostly = |number: usize| number >= ENOUGH_ROWS && number * 10 >= all * 9;
     let whole = |values: &[f32]| values.iter().all(|value| value.fract() == 0.0);
-    let numbers = if mostly(Origin::UnknownObservation) {
-        format!("s′ of nearly all of {all} rows is one that the environment gave, s is not")
-    } else if mostly(Origin::UnknownNext) {
-        format!("s of nearly all of {all} rows is one that the environment gave, s′ is not")
-    } else if mostly(Origin::Unknown)
+    let numbers = if mostly(s) {
+        format!("s′ of {s} of {all} rows is one that the environment gave, s is not")
+    } else if mostly(next) {
+        format!("s of {next} of {all} rows is one that the environment gave, s′ is not")
+    } else if mostly(unknown)
         && whole(&trace.batches.observations.values)
         && !whole(&trace.steps.observation.values)
     {
@@ -113,8 +115,9 @@ fn changed(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) -> bool
 /// Whether the rows are steps of the task.
 fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &mut Judgement) {
     let (batches, all) = (&trace.batches, origins.len());
-    if all >= ENOUGH_ROWS && share(origins, Origin::Same) >= 0.9 {
-        judgement.name("next_is_current", format!("in nearly all of {all} rows"));
+    let same = count(origins, Origin::Same);
+    if same >= ENOUGH_ROWS && same * 10 >= all * 9 {
+        judgement.name("next_is_current", format!("in {same} of {all} rows"));
         return;
     }
     let reset = origins.iter().zip(&batches.terminated);
@@ -145,7 +148,7 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
         span.between == most || (span.between < most && (trace.ended(span.last) || is_newest(span)))
     };
     let wrong = spans.len() - spans.iter().filter(is_right).count();
-    let never = origins.iter().filter(|origin| **origin == Origin::Never).count() + wrong;
+    let never = count(origins, Origin::Never) + wrong;
     if never >= ENOUGH_ROWS && never * 20 >= all {
         let numbers = format!("{never} of {all} rows; both observations are in the record");
         judgement.name("row_that_never_happened", numbers);
@@ -229,12 +232,12 @@ fn rewards(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
 /// Whether the ends are stored as the environment said them.
 fn stored_ends(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) {
     let (steps, stored) = (&trace.steps, &trace.batches.terminated);
-    let count = |is_such: &dyn Fn(usize) -> bool| {
+    let ends = |is_such: &dyn Fn(usize) -> bool| {
         let all: Vec<Span> = spans(origins).into_iter().filter(|span| is_such(span.last)).collect();
         (all.len(), all.iter().filter(|span| stored[span.row]).count())
     };
-    let (cut, as_terminated) = count(&|last| steps.truncated[last] && !steps.terminated[last]);
-    let (terminated, kept) = count(&|last| steps.terminated[last]);
+    let (cut, as_terminated) = ends(&|last| steps.truncated[last] && !steps.terminated[last]);
+    let (terminated, kept) = ends(&|last| steps.terminated[last]);
     if as_terminated >= 2 && as_terminated * 2 > cut {
         let numbers = format!("{as_terminated} of {cut} rows with which the time limit ended an episode");
         judgement.name("time_limit_stored_as_terminated", numbers);
