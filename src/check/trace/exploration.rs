@@ -19,7 +19,7 @@ const LARGE: f64 = 0.5;
 const AT_ONCE: (usize, usize) = (100, 15);
 
 /// A step with Q-values: its ε, and whether its action has the largest of them.
-struct Choice {
+struct Acted {
     row: usize,
     epsilon: f64,
     is_largest: bool,
@@ -92,7 +92,7 @@ fn schedule(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
 }
 
 /// The steps from the first update on whose Q-values are told.
-fn choices(steps: &Steps, from: usize) -> Vec<Choice> {
+fn choices(steps: &Steps, from: usize) -> Vec<Acted> {
     if steps.q_values.width < 2 {
         return Vec::new();
     }
@@ -101,13 +101,13 @@ fn choices(steps: &Steps, from: usize) -> Vec<Choice> {
         let taken = *q.get(steps.action[row])?;
         let is_largest = q.iter().all(|value| *value <= taken);
         let epsilon = steps.epsilon.get(row).copied().unwrap_or(f64::NAN);
-        q.iter().all(|value| value.is_finite()).then_some(Choice { row, epsilon, is_largest })
+        q.iter().all(|value| value.is_finite()).then_some(Acted { row, epsilon, is_largest })
     };
     (from..steps.action.len()).filter_map(choice).collect()
 }
 
 /// Whether the actions are those of an ε-greedy policy.
-fn behaviour(trace: &Trace, choices: &[Choice], judgement: &mut Judgement) {
+fn behaviour(trace: &Trace, choices: &[Acted], judgement: &mut Judgement) {
     let actions = trace.steps.q_values.width as f64;
     let largest = choices.iter().filter(|choice| choice.is_largest).count();
     let all = choices.len();
@@ -126,15 +126,15 @@ fn behaviour(trace: &Trace, choices: &[Choice], judgement: &mut Judgement) {
     }
     let other = (actions - 1.0) / actions;
     // The probability of another action than that of the largest Q-value, by ε.
-    type Hypothesis = (&'static str, fn(f64, f64) -> f64);
+    type Wrong = (&'static str, fn(f64, f64) -> f64);
     const RIGHT: fn(f64, f64) -> f64 = |epsilon, other| epsilon * other;
-    const WRONG: [Hypothesis; 3] = [
+    const WRONG: [Wrong; 3] = [
         ("epsilon_not_applied", |_, _| 0.0),
         ("epsilon_inverted", |epsilon, other| (1.0 - epsilon) * other),
         ("greedy_is_not_the_largest", |epsilon, other| 1.0 - epsilon * (1.0 - other)),
     ];
     let likelihood = |another: fn(f64, f64) -> f64| -> f64 {
-        let of = |choice: &Choice| {
+        let of = |choice: &Acted| {
             let probability = another(choice.epsilon, other).clamp(1e-3, 1.0 - 1e-3);
             if choice.is_largest { (1.0 - probability).ln() } else { probability.ln() }
         };
@@ -156,7 +156,7 @@ fn behaviour(trace: &Trace, choices: &[Choice], judgement: &mut Judgement) {
 }
 
 /// Actions that exploration never takes.
-fn missed(trace: &Trace, choices: &[Choice], judgement: &mut Judgement) {
+fn missed(trace: &Trace, choices: &[Acted], judgement: &mut Judgement) {
     let steps = &trace.steps;
     let actions = trace.header.actions.max(steps.q_values.width);
     if judgement.has(&["never_explores", "epsilon_not_applied"]) || actions < 2 {

@@ -27,7 +27,7 @@ const EMPTY: &str = "holds no step and no update: was `learned` called, or the e
 /// A loop, in columns. What the file does not hold is empty.
 #[derive(Debug, Default)]
 pub(crate) struct Trace {
-    pub header: Header,
+    pub header: Heading,
     pub told: Told,
     pub steps: Steps,
     pub updates: Updates,
@@ -40,7 +40,7 @@ pub(crate) struct Trace {
 /// What the metadata says.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-pub(crate) struct Header {
+pub(crate) struct Heading {
     /// Whether the recorder was closed.
     pub closed: bool,
     pub environment: String,
@@ -57,12 +57,12 @@ pub(crate) struct Header {
 
 /// Numbers in rows of the same length.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Rows {
+pub(crate) struct Vectors {
     pub values: Vec<f32>,
     pub width: usize,
 }
 
-impl Rows {
+impl Vectors {
     pub fn row(&self, index: usize) -> &[f32] {
         &self.values[index * self.width..(index + 1) * self.width]
     }
@@ -71,8 +71,8 @@ impl Rows {
 /// Environment steps, in their order. A row is a step of one environment.
 #[derive(Debug, Default)]
 pub(crate) struct Steps {
-    pub observation: Rows,
-    pub next_observation: Rows,
+    pub observation: Vectors,
+    pub next_observation: Vectors,
     pub action: Vec<usize>,
     pub reward: Vec<f64>,
     pub terminated: Vec<bool>,
@@ -80,7 +80,7 @@ pub(crate) struct Steps {
     /// 0; 1 if the observation is the first of an episode; 2 if it was reset with the same seed as before.
     pub reset: Vec<usize>,
     /// NaN where none were told; without width if none were told at all.
-    pub q_values: Rows,
+    pub q_values: Vectors,
     pub epsilon: Vec<f64>,
     /// The row before of the same environment.
     pub previous: Vec<Option<usize>>,
@@ -89,14 +89,14 @@ pub(crate) struct Steps {
 /// Updates, in their order.
 #[derive(Debug, Default)]
 pub(crate) struct Updates {
-    /// Rows of [`Steps`] before the update.
+    /// Vectors of [`Steps`] before the update.
     pub step: Vec<usize>,
     /// After the update: a checksum of each tensor, and some of the weights.
     pub online: Vec<Vec<u64>>,
     pub target: Vec<Vec<u64>>,
-    pub online_sample: Rows,
+    pub online_sample: Vectors,
     /// Without width if there is no target network.
-    pub target_sample: Rows,
+    pub target_sample: Vectors,
     pub loss: Vec<f64>,
     pub largest_target: Vec<f64>,
     pub batch_size: Vec<usize>,
@@ -108,8 +108,8 @@ pub(crate) struct Updates {
 #[derive(Debug, Default)]
 pub(crate) struct Batches {
     pub update: Vec<usize>,
-    pub observations: Rows,
-    pub next_observations: Rows,
+    pub observations: Vectors,
+    pub next_observations: Vectors,
     pub actions: Vec<usize>,
     pub rewards: Vec<f64>,
     pub terminated: Vec<bool>,
@@ -250,7 +250,7 @@ fn unread(key: &str) -> impl Fn(serde_json::Error) -> String {
     move |error| format!("has metadata `{key}` that cannot be read: {error}")
 }
 
-fn header(text: &str) -> Result<Header, String> {
+fn header(text: &str) -> Result<Heading, String> {
     let value: Value = serde_json::from_str(text).map_err(unread(TRACE))?;
     match value["version"].as_u64() {
         Some(VERSION) => serde_json::from_value(value).map_err(unread(TRACE)),
@@ -312,14 +312,14 @@ impl Columns<'_> {
         Ok(self.integers(name, rows)?.into_iter().map(|value| value != 0).collect())
     }
 
-    fn rows(&mut self, name: &str, rows: usize) -> Result<Rows, String> {
+    fn rows(&mut self, name: &str, rows: usize) -> Result<Vectors, String> {
         let (values, width) = self.column(name, rows, MAX_WIDTH)?.unwrap_or_default();
         // −0 is 0: the same observation.
-        Ok(Rows { values: values.into_iter().map(|value| value as f32 + 0.0).collect(), width })
+        Ok(Vectors { values: values.into_iter().map(|value| value as f32 + 0.0).collect(), width })
     }
 
     /// The observations and next observations of a group, which are as long as each other.
-    fn observations(&mut self, names: [&str; 2], rows: usize) -> Result<[Rows; 2], String> {
+    fn observations(&mut self, names: [&str; 2], rows: usize) -> Result<[Vectors; 2], String> {
         let both = [self.rows(names[0], rows)?, self.rows(names[1], rows)?];
         for (name, rows) in names.iter().zip(&both) {
             if let Some(at) = rows.values.iter().position(|value| !value.is_finite()) {

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::ends::Episodes;
 use super::file::Trace;
-use super::rows::Origin;
+use super::rows::RowOrigin;
 use super::{Judgement, counted};
 
 /// Rows that are enough to speak of all of them.
@@ -16,29 +16,29 @@ const ENOUGH: usize = 5;
 const NEVER: f64 = -50.0;
 
 /// A recorded minibatch.
-struct Minibatch {
+struct Sampled {
     rows: Range<usize>,
     /// Steps before its update.
     steps: usize,
 }
 
-impl Minibatch {
+impl Sampled {
     fn size(&self) -> usize {
         self.rows.len()
     }
 }
 
-fn minibatches(trace: &Trace) -> Vec<Minibatch> {
+fn minibatches(trace: &Trace) -> Vec<Sampled> {
     let updates = &trace.batches.update;
     let rows = (0..updates.len()).collect::<Vec<_>>();
-    let minibatch = |rows: &[usize]| Minibatch {
+    let minibatch = |rows: &[usize]| Sampled {
         rows: rows[0]..rows[0] + rows.len(),
         steps: trace.updates.step.get(updates[rows[0]]).copied().unwrap_or(0),
     };
     rows.chunk_by(|a, b| updates[*a] == updates[*b]).map(minibatch).collect()
 }
 
-pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &mut Judgement) {
+pub(super) fn judge(trace: &Trace, origins: &[RowOrigin], episodes: &Episodes, judgement: &mut Judgement) {
     let minibatches = minibatches(trace);
     if minibatches.is_empty() {
         judgement
@@ -56,7 +56,7 @@ pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judg
     if changed(trace, origins, judgement) {
         return;
     }
-    if count(origins, Origin::Unknown) * 10 > origins.len() * 9 {
+    if count(origins, RowOrigin::Unknown) * 10 > origins.len() * 9 {
         judgement.doubt(
             "which steps the minibatches are from: their observations are not those of the environment. If a wrapper scales \
              them, let recorder.environment be the outermost one; if they are scaled elsewhere, use a wrapper",
@@ -70,19 +70,19 @@ pub(super) fn judge(trace: &Trace, origins: &[Origin], episodes: &Episodes, judg
     }
 }
 
-fn count(origins: &[Origin], kind: Origin) -> usize {
+fn count(origins: &[RowOrigin], kind: RowOrigin) -> usize {
     origins.iter().filter(|origin| **origin == kind).count()
 }
 
 /// Minibatches of one transition.
-fn repeated(trace: &Trace, minibatches: &[Minibatch], judgement: &mut Judgement) {
+fn repeated(trace: &Trace, minibatches: &[Sampled], judgement: &mut Judgement) {
     let batches = &trace.batches;
     let row = |row: usize| {
         (batches.observations.row(row), batches.next_observations.row(row), batches.actions[row])
     };
-    let is_late = |one: &&Minibatch| one.size() >= 4 && one.steps >= 4 * one.size();
+    let is_late = |one: &&Sampled| one.size() >= 4 && one.steps >= 4 * one.size();
     let late: Vec<_> = minibatches.iter().filter(is_late).collect();
-    let is_one = |one: &&&Minibatch| one.rows.clone().all(|other| row(other) == row(one.rows.start));
+    let is_one = |one: &&&Sampled| one.rows.clone().all(|other| row(other) == row(one.rows.start));
     let same = late.iter().filter(is_one).count();
     if same >= ENOUGH && same * 10 >= late.len() * 9 {
         judgement.name("one_transition_repeated", format!("{same} of {} minibatches", late.len()));
@@ -90,10 +90,10 @@ fn repeated(trace: &Trace, minibatches: &[Minibatch], judgement: &mut Judgement)
 }
 
 /// Rows of which one observation is not the environment's, or is rounded.
-fn changed(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) -> bool {
+fn changed(trace: &Trace, origins: &[RowOrigin], judgement: &mut Judgement) -> bool {
     let all = origins.len();
-    let [s, next, unknown] =
-        [Origin::UnknownObservation, Origin::UnknownNext, Origin::Unknown].map(|kind| count(origins, kind));
+    let [s, next, unknown] = [RowOrigin::UnknownObservation, RowOrigin::UnknownNext, RowOrigin::Unknown]
+        .map(|kind| count(origins, kind));
     let mostly = |number: usize| number >= ENOUGH_ROWS && number * 10 >= all * 9;
     let whole = |values: &[f32]| values.iter().all(|value| value.fract() == 0.0);
     let numbers = if mostly(s) {
@@ -113,15 +113,15 @@ fn changed(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) -> bool
 }
 
 /// Whether the rows are steps of the task.
-fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &mut Judgement) {
+fn contents(trace: &Trace, origins: &[RowOrigin], episodes: &Episodes, judgement: &mut Judgement) {
     let (batches, all) = (&trace.batches, origins.len());
-    let same = count(origins, Origin::Same);
+    let same = count(origins, RowOrigin::Same);
     if same >= ENOUGH_ROWS && same * 10 >= all * 9 {
         judgement.name("next_is_current", format!("in {same} of {all} rows"));
         return;
     }
     let reset = origins.iter().zip(&batches.terminated);
-    let reset = reset.filter(|(origin, ends)| **origin == Origin::IntoReset && !**ends).count();
+    let reset = reset.filter(|(origin, ends)| **origin == RowOrigin::IntoReset && !**ends).count();
     if reset >= 3 {
         let numbers = format!("{reset} of {all} rows lead there without being stored as terminated");
         judgement.name("next_is_reset", numbers);
@@ -148,7 +148,7 @@ fn contents(trace: &Trace, origins: &[Origin], episodes: &Episodes, judgement: &
         span.between == most || (span.between < most && (trace.ended(span.last) || is_newest(span)))
     };
     let wrong = spans.len() - spans.iter().filter(is_right).count();
-    let never = count(origins, Origin::Never) + wrong;
+    let never = count(origins, RowOrigin::Never) + wrong;
     if never >= ENOUGH_ROWS && never * 20 >= all {
         let numbers = format!("{never} of {all} rows; both observations are in the record");
         judgement.name("row_that_never_happened", numbers);
@@ -169,9 +169,9 @@ struct Span {
     between: usize,
 }
 
-fn spans(origins: &[Origin]) -> Vec<Span> {
-    let span = |(row, origin): (usize, &Origin)| match *origin {
-        Origin::Steps { first, last, between } => Some(Span { row, first, last, between }),
+fn spans(origins: &[RowOrigin]) -> Vec<Span> {
+    let span = |(row, origin): (usize, &RowOrigin)| match *origin {
+        RowOrigin::Steps { first, last, between } => Some(Span { row, first, last, between }),
         _ => None,
     };
     origins.iter().enumerate().filter_map(span).collect()
@@ -230,7 +230,7 @@ fn rewards(trace: &Trace, spans: &[Span], judgement: &mut Judgement) {
 }
 
 /// Whether the ends are stored as the environment said them.
-fn stored_ends(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) {
+fn stored_ends(trace: &Trace, origins: &[RowOrigin], judgement: &mut Judgement) {
     let (steps, stored) = (&trace.steps, &trace.batches.terminated);
     let ends = |is_such: &dyn Fn(usize) -> bool| {
         let all: Vec<Span> = spans(origins).into_iter().filter(|span| is_such(span.last)).collect();
@@ -256,23 +256,23 @@ fn stored_ends(trace: &Trace, origins: &[Origin], judgement: &mut Judgement) {
 }
 
 /// A minibatch, and the first step of each of its rows.
-type Known<'a> = (&'a Minibatch, Vec<usize>);
+type Known<'a> = (&'a Sampled, Vec<usize>);
 
 /// Which of the steps so far are sampled.
 fn ages(
     trace: &Trace,
-    origins: &[Origin],
+    origins: &[RowOrigin],
     episodes: &Episodes,
-    minibatches: &[Minibatch],
+    minibatches: &[Sampled],
     judgement: &mut Judgement,
 ) {
-    let firsts = |one: &Minibatch| spans(&origins[one.rows.clone()]).iter().map(|span| span.first).collect();
+    let firsts = |one: &Sampled| spans(&origins[one.rows.clone()]).iter().map(|span| span.first).collect();
     let all: Vec<Known> = minibatches.iter().map(|one| (one, firsts(one))).collect();
     too_early(&all[0], judgement);
     // Those of which all but a few steps are known.
     let known: Vec<Known> =
         all.into_iter().filter(|(one, firsts)| firsts.len() * 10 >= one.size() * 9).collect();
-    let age = |one: &Minibatch, first: usize| one.steps.saturating_sub(first);
+    let age = |one: &Sampled, first: usize| one.steps.saturating_sub(first);
     let ages = known.iter().flat_map(|(one, firsts)| firsts.iter().map(|&first| age(one, first)));
     let Some((oldest, (last, _))) = ages.max().zip(known.last()) else { return };
     let (steps, size) = (last.steps, last.size());
@@ -319,12 +319,12 @@ fn too_early((one, firsts): &Known, judgement: &mut Judgement) {
 
 /// Whether no minibatch reaches behind the start of the current episode, although the memory is large enough.
 fn is_emptied(trace: &Trace, episodes: &Episodes, known: &[Known]) -> bool {
-    let start = |one: &Minibatch| episodes.first[one.steps.max(1) - 1];
+    let start = |one: &Sampled| episodes.first[one.steps.max(1) - 1];
     let stays = |(one, firsts): &Known| firsts.iter().all(|&first| first >= start(one));
     if trace.header.environments > 1 || episodes.starts.len() < ENOUGH || !known.iter().all(stays) {
         return false;
     }
-    let length = |one: &Minibatch| (one.steps - start(one)).max(1);
+    let length = |one: &Sampled| (one.steps - start(one)).max(1);
     let longest = known.iter().map(|(one, _)| length(one)).max().unwrap_or(1);
     // The chance of a memory of the longest episode to have given only rows of the current one.
     let chance = |(one, firsts): &Known| {

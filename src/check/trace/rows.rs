@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::file::{Rows, Trace};
+use super::file::{Trace, Vectors};
 
 /// Most steps with the same observation that are looked at.
 const MAX_SAME: usize = 64;
@@ -11,7 +11,7 @@ const MAX_STEPS: usize = 200;
 
 /// What a row of a minibatch is, by the steps that were recorded before its update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Origin {
+pub(super) enum RowOrigin {
     /// From the observation of the first step to the next observation of the last one, `between` steps of the episode later.
     Steps { first: usize, last: usize, between: usize },
     /// s′ is s, which no step has done.
@@ -36,7 +36,7 @@ struct Index {
 }
 
 impl Index {
-    fn new(rows: &Rows, count: usize) -> Self {
+    fn new(rows: &Vectors, count: usize) -> Self {
         let mut latest = HashMap::new();
         let before = (0..count).map(|row| latest.insert(bits(rows.row(row)), row)).collect();
         Self { latest, before }
@@ -56,7 +56,7 @@ fn bits(row: &[f32]) -> Vec<u32> {
 
 /// The origin of each row of the minibatches; none if steps and minibatches have observations of other sizes, or too many of
 /// the observations are the same.
-pub(super) fn origins(trace: &Trace) -> Vec<Origin> {
+pub(super) fn origins(trace: &Trace) -> Vec<RowOrigin> {
     let (steps, batches) = (&trace.steps, &trace.batches);
     let count = steps.action.len();
     if count == 0 || steps.observation.width != batches.observations.width || steps.observation.width == 0 {
@@ -75,30 +75,30 @@ pub(super) fn origins(trace: &Trace) -> Vec<Origin> {
     origins.collect()
 }
 
-fn origin(trace: &Trace, seen: &Index, reached: &Index, s: &[f32], next: &[f32], until: usize) -> Origin {
+fn origin(trace: &Trace, seen: &Index, reached: &Index, s: &[f32], next: &[f32], until: usize) -> RowOrigin {
     let steps = &trace.steps;
     let found = |last: usize| {
         let back = std::iter::successors(Some(last), |row| trace.before(*row)).take(MAX_STEPS).enumerate();
         let mut from_s = back.filter(|(_, row)| steps.observation.row(*row) == s);
-        from_s.next().map(|(between, first)| Origin::Steps { first, last, between })
+        from_s.next().map(|(between, first)| RowOrigin::Steps { first, last, between })
     };
     if let Some(origin) = reached.find(next, until).find_map(found) {
         return origin;
     }
     if s == next {
-        return Origin::Same;
+        return RowOrigin::Same;
     }
     // The episode that begins with s′ may not have made a step yet.
     let end_before = |row: usize| steps.previous[row].filter(|_| steps.reset[row] > 0);
     let end = seen.find(next, usize::MAX).find_map(end_before).filter(|&end| end < until);
     if end.is_some_and(|end| steps.observation.row(end) == s || steps.next_observation.row(end) == s) {
-        return Origin::IntoReset;
+        return RowOrigin::IntoReset;
     }
     let is_reached = |row: &[f32]| reached.find(row, until).next().is_some();
     match (seen.find(s, until).next().is_some() || is_reached(s), is_reached(next) || end.is_some()) {
-        (true, true) => Origin::Never,
-        (false, true) => Origin::UnknownObservation,
-        (true, false) => Origin::UnknownNext,
-        (false, false) => Origin::Unknown,
+        (true, true) => RowOrigin::Never,
+        (false, true) => RowOrigin::UnknownObservation,
+        (true, false) => RowOrigin::UnknownNext,
+        (false, false) => RowOrigin::Unknown,
     }
 }

@@ -1,6 +1,6 @@
 //! How the target network moves, by checksums and some of the weights of both networks after each update.
 
-use super::file::{Rows, Trace, Updates};
+use super::file::{Trace, Updates, Vectors};
 use super::{Judgement, counted, median};
 
 /// Updates that are enough to speak of all of them.
@@ -13,7 +13,7 @@ const UNCHANGED: (usize, usize) = (1000, 12_000);
 const SLOWEST: f64 = 10_000.0;
 
 /// How the target network changed at an update.
-struct Change {
+struct TargetMove {
     update: usize,
     /// Whether it is a copy of the online network before or after that update.
     is_copy: bool,
@@ -40,8 +40,8 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
         return;
     }
     let changed = (1..all).filter(|&update| updates.target[update] != updates.target[update - 1]);
-    let change = |update| Change { update, is_copy: is_copy(updates, update), tau: tau(updates, update) };
-    let changes: Vec<Change> = changed.map(change).collect();
+    let change = |update| TargetMove { update, is_copy: is_copy(updates, update), tau: tau(updates, update) };
+    let changes: Vec<TargetMove> = changed.map(change).collect();
     overwritten(updates, judgement);
     if changes.is_empty() {
         unchanged(trace, learned, judgement);
@@ -59,7 +59,7 @@ fn is_copy(updates: &Updates, update: usize) -> bool {
 
 /// τ of Δθ⁻ = τ (θ − θ⁻), where θ is the online network before or after the update; none where neither fits.
 fn tau(updates: &Updates, update: usize) -> Option<f64> {
-    let sample = |rows: &Rows, update: usize| -> Vec<f64> {
+    let sample = |rows: &Vectors, update: usize| -> Vec<f64> {
         rows.row(update).iter().map(|&value| f64::from(value)).collect()
     };
     let (old, new) = (sample(&updates.target_sample, update - 1), sample(&updates.target_sample, update));
@@ -100,7 +100,7 @@ fn unchanged(trace: &Trace, learned: usize, judgement: &mut Judgement) {
     }
 }
 
-fn moves(trace: &Trace, changes: &[Change], judgement: &mut Judgement) {
+fn moves(trace: &Trace, changes: &[TargetMove], judgement: &mut Judgement) {
     let (updates, all) = (&trace.updates, trace.updates.step.len());
     let gap = |column: &dyn Fn(usize) -> usize| {
         let gaps = changes.windows(2).map(|pair| column(pair[1].update) - column(pair[0].update));
@@ -172,7 +172,7 @@ fn overwritten(updates: &Updates, judgement: &mut Judgement) {
 }
 
 /// Two networks that were never copied from each other have weights without correlation.
-fn not_initialised(trace: &Trace, changes: &[Change], judgement: &mut Judgement) {
+fn not_initialised(trace: &Trace, changes: &[TargetMove], judgement: &mut Judgement) {
     let Some(first) = trace.whole.first().filter(|whole| whole.number == 1) else { return };
     if changes.first().is_some_and(|change| change.update <= 1) || judgement.has(&["target_never_updated"]) {
         return;
