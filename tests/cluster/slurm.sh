@@ -58,7 +58,7 @@ slurmctld -f "$SLURM_CONF"
 slurmd -f "$SLURM_CONF"
 timeout 60 sh -c 'until sinfo --noheader --format %t | grep -q idle; do sleep 0.2; done' || fail 'the node does not come up'
 
-plan() { "$binary" study --set budget.steps=15000 --seeds 0..160 --out "$1" --plan --quiet; }
+plan() { "$binary" study --set budget.steps=15000 --seeds 0..640 --out "$1" --plan --quiet; }
 plan slurm
 plan one
 job=$(sbatch --parsable --array=0-3 "$script" slurm 4)
