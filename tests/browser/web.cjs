@@ -161,7 +161,7 @@ async function aChangedRunIsTheOneOfItsCommand(browser) {
   await page.keyboard.press('End');
   await sees(page, 'command', /learning_rate=0\.3/);
   const command = await text(page, 'command');
-  assert.match(command, /--config plain --seed 3 --set budget\.steps=6000 --set target\.kind=none --set replay\.capacity=64/);
+  assert.match(command, /--config plain --seed 3 --set budget\.steps=6000 --set target\.kind=none --set replay\.capacity=32/);
   await page.reload();
   await sees(page, 'source', /Plays/);
   assert.equal(await text(page, 'command'), command, 'the link does not hold the settings');
