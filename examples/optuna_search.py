@@ -18,9 +18,10 @@ def events(process, path):
             with path.open("rb") as file:
                 file.seek(end)
                 for line in file:
-                    if line.endswith(b"\n"):
-                        end += len(line)
-                        yield json.loads(line)
+                    if not line.endswith(b"\n"):
+                        break  # The rest is still being written.
+                    end += len(line)
+                    yield json.loads(line)
         if has_ended:
             return
         time.sleep(0.01)
