@@ -243,7 +243,7 @@ async function whatIsRefusedHasNoCommand(browser) {
 }
 
 async function pauseAndResetInterruptAnEvaluation(browser) {
-  const page = await open(browser, '#replay.warmup_steps=64&budget.steps=100&evaluation.every_steps=60&evaluation.episodes=500000');
+  const page = await open(browser, '#network.hidden=[128,128]&replay.warmup_steps=64&budget.steps=100&evaluation.every_steps=60&evaluation.episodes=100000');
   const interrupted = async button => {
     await page.evaluate('globalThis.busy = worker, 0');
     await page.click('#train');
