@@ -40,6 +40,8 @@ enum Row {
     OfAnother,
     /// s′ of an end, which no target uses, is the same numbers in all of them.
     Blank,
+    /// Of so many steps that not all sequences of actions are tried.
+    Untried,
     Unknown,
 }
 
@@ -71,7 +73,7 @@ pub(super) fn judge(update: &Update) -> BatchVerdict {
         return judged;
     }
     let kinds = rows.kinds(&physics);
-    let is_known = |kind: &&Row| !matches!(kind, Row::Same | Row::Reset | Row::Unknown);
+    let is_known = |kind: &&Row| !matches!(kind, Row::Same | Row::Reset | Row::Unknown | Row::Untried);
     let known = kinds.iter().filter(is_known).count();
     if known == 0 || (named.is_none() && 2 * known < rows.size()) {
         rows.judge_start(&physics, &mut judged);
@@ -244,20 +246,24 @@ impl<'a> Rows<'a> {
             |from: &[f64], action: usize, to: &[f64]| physics.leads(from, action, to, |x| physics.off(x));
         let actions = &self.update.batch.actions;
         let any = |from: &[f64], to: &[f64]| (0..self.actions()).find(|&action| exact(from, action, to));
-        let mut kinds: Vec<Row> = (0..self.size())
-            .map(|i| {
-                let (s, next) = (&self.s[i], &self.next[i]);
-                match any(s, next) {
-                    _ if exact(s, actions[i], next) || self.several_steps_lead(physics, i) => Row::Step,
-                    _ if has_blank_ends && self.update.batch.terminated[i] => Row::Blank,
-                    Some(other) => Row::StepWith(other),
-                    None if s == next => Row::Same,
-                    None if any(next, s).is_some() => Row::Reversed,
-                    None if physics.id.can_start_with(next) => Row::Reset,
-                    None => Row::Unknown,
-                }
-            })
-            .collect();
+        let kind = |i: usize| {
+            let (s, next) = (&self.s[i], &self.next[i]);
+            match self.several_steps_lead(physics, i) {
+                _ if exact(s, actions[i], next) => return Row::Step,
+                _ if has_blank_ends && self.update.batch.terminated[i] => return Row::Blank,
+                Some(true) => return Row::Step,
+                None => return Row::Untried,
+                Some(false) => {}
+            }
+            match any(s, next) {
+                Some(other) => Row::StepWith(other),
+                None if s == next => Row::Same,
+                None if any(next, s).is_some() => Row::Reversed,
+                None if physics.id.can_start_with(next) => Row::Reset,
+                None => Row::Unknown,
+            }
+        };
+        let mut kinds: Vec<Row> = (0..self.size()).map(kind).collect();
         let steps: Vec<_> = (0..self.size()).map(|i| physics.id.step_from(&self.s[i], actions[i])).collect();
         for (kind, next) in kinds.iter_mut().zip(&self.next) {
             let is_near = |step: &[f64]| step.iter().zip(next).all(|(x, next)| (x - next).abs() < 1e-4);
@@ -272,18 +278,18 @@ impl<'a> Rows<'a> {
         kinds
     }
 
-    /// Whether s′ of a sample with a discount of its own is reached in several steps.
-    fn several_steps_lead(&self, physics: &Physics, i: usize) -> bool {
+    /// Whether s′ of a sample with a discount of its own is reached in several steps; none if these are too many to try.
+    fn several_steps_lead(&self, physics: &Physics, i: usize) -> Option<bool> {
         let gamma = self.update.settings.gamma;
         let steps = (self.update.batch.discounts[i].ln() / gamma.ln()).round();
-        if !(1.5..=20.0).contains(&steps) {
-            return false;
+        if steps < 1.5 || !steps.is_finite() {
+            return Some(false);
         }
         let (mut reached, stored) = (vec![self.s[i].clone()], self.update.batch.actions[i]);
         for step in 1..=steps as i32 {
             let actions = if step == 1 { stored..stored + 1 } else { 0..self.actions() };
             if reached.len() * actions.len() > MAX_SEQUENCES {
-                return true;
+                return None;
             }
             let stepped =
                 |state| actions.clone().filter_map(move |action| physics.id.step_from(state, action));
@@ -294,10 +300,10 @@ impl<'a> Rows<'a> {
                 state.iter().zip(&self.next[i]).all(|(x, next)| (x - next).abs() <= off(*next))
             };
             if step > 1 && reached.iter().any(is_there) {
-                return true;
+                return Some(true);
             }
         }
-        false
+        Some(false)
     }
 
     fn judge_kinds(&self, physics: &Physics, kinds: &[Row], judged: &mut BatchVerdict) {
@@ -311,6 +317,10 @@ impl<'a> Rows<'a> {
             return;
         }
         judged.facts.push(format!("{steps} of {size} rows are steps of {name}"));
+        let untried = which(Row::Untried).len();
+        if untried > 0 {
+            judged.facts.push(format!("{untried} of them are of too many steps to say whether they are"));
+        }
         let blank = which(Row::Blank).len();
         if blank > 0 {
             judged.facts.push(format!("s′ of {blank} ends is a constant, which no target uses"));

@@ -307,6 +307,16 @@ fn judged_with(
     rows: &[Row],
     has_truncated: bool,
 ) -> (Vec<&'static str>, Vec<String>) {
+    judged_with_discounts(settings, id, rows, has_truncated, vec![0.99; rows.len()])
+}
+
+fn judged_with_discounts(
+    settings: Settings,
+    id: EnvironmentId,
+    rows: &[Row],
+    has_truncated: bool,
+    discounts: Vec<f64>,
+) -> (Vec<&'static str>, Vec<String>) {
     let size = rows.len();
     let spec = id.spec();
     let column = |of: &dyn Fn(&Row) -> Vec<f64>| {
@@ -326,7 +336,7 @@ fn judged_with(
             rewards: rows.iter().map(|row| row.2).collect(),
             terminated: rows.iter().map(|row| row.4).collect(),
             truncated: has_truncated.then(|| rows.iter().map(|row| row.5).collect()),
-            discounts: vec![0.99; size],
+            discounts,
             weights: None,
         },
         adam: Moments { steps: 0, first: fresh.clone(), second: fresh, largest: None },
@@ -386,6 +396,40 @@ fn right_rows_raise_no_alarm_whatever_somebody_chose() {
         // Single steps among those of an n-step batch are the last ones of their episodes.
         let ends: Vec<Row> = right.iter().filter(|row| row.4).cloned().collect();
         assert!(ends.is_empty() || judged(id, &ends, true).0.is_empty(), "{id:?}");
+    }
+}
+
+#[test]
+fn samples_of_many_steps_raise_no_alarm_and_are_not_said_to_be_steps() {
+    let id = EnvironmentId::CartPoleV1;
+    let one_step = rows(id, 400);
+    for n in [2, 8, 9, 30] {
+        // From each row as far as its episode goes, at most n steps.
+        let last = |i: usize| {
+            (i..(i + n).min(400)).find(|&j| one_step[j].4 || one_step[j].5).unwrap_or((i + n).min(400) - 1)
+        };
+        let sample = |i: usize| {
+            let (first, last) = (&one_step[i], &one_step[last(i)]);
+            (first.0.clone(), first.1, 1.0, last.3.clone(), last.4, last.5)
+        };
+        let right: Vec<Row> = (0..300).map(sample).collect();
+        let discounts: Vec<f64> = (0..300).map(|i| 0.99_f64.powi((last(i) - i) as i32 + 1)).collect();
+        let divided = |row: &Row| {
+            let by = |x: &Vec<f64>| x.iter().zip([2.4, 2.0, 0.2095, 2.0]).map(|(x, by)| x / by).collect();
+            (by(&row.0), row.1, row.2, by(&row.3), row.4, row.5)
+        };
+        for settings in [Settings::default(), Settings { environment: Some(id), ..Settings::default() }] {
+            let (mistakes, facts) = judged_with_discounts(settings, id, &right, true, discounts.clone());
+            assert_eq!(mistakes, NOTHING, "{n} {facts:?}");
+            assert_eq!(
+                facts.iter().any(|fact| fact.starts_with("all 300 rows are steps")),
+                n <= 8,
+                "{n} {facts:?}"
+            );
+            let divided: Vec<Row> = right.iter().map(divided).collect();
+            let (mistakes, facts) = judged_with_discounts(settings, id, &divided, true, discounts.clone());
+            assert_eq!(mistakes, NOTHING, "{n}, divided: {facts:?}");
+        }
     }
 }
 
