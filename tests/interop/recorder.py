@@ -22,19 +22,9 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "python"))
 from cartpole_dqn import Recorder  # noqa: E402
+from check_numpy import backward, forward  # noqa: E402
 
 GAMMA, RATE = 0.98, 2e-3
-
-
-def forward(network, x):
-    """The input of every layer, and the output."""
-    inputs = []
-    for layer in range(0, len(network), 2):
-        inputs.append(x)
-        x = x @ network[layer] + network[layer + 1]
-        if layer + 2 < len(network):
-            x = np.maximum(x, 0)
-    return inputs, x
 
 
 class Learner:
@@ -61,11 +51,7 @@ class Learner:
         error = q[rows, batch["actions"]] - y
         dy = np.zeros_like(q)
         dy[rows, batch["actions"]] = 2 * error / len(rows)
-        gradients = []
-        for layer in range(len(self.online) - 2, -1, -2):
-            x = inputs[layer // 2]
-            gradients = [x.T @ dy, dy.sum(0), *gradients]
-            dy = (dy @ self.online[layer].T) * (x > 0)
+        gradients = backward(self.online, inputs, dy)
         self.adam[0] += 1
         t = self.adam[0]
         for index, (w, g, m, v) in enumerate(zip(self.online, gradients, self.adam[1], self.adam[2])):
