@@ -53,6 +53,7 @@ pub struct Acrobot {
 }
 
 impl Acrobot {
+    /// Two links at the given θ₁, θ₂, θ̇₁, θ̇₂.
     pub fn at(state: [f64; 4]) -> Self {
         Self { state }
     }

@@ -56,6 +56,7 @@ impl CartPole {
     /// The angle of the pole, in rad, beyond which an episode terminates.
     pub(crate) const MAX_ANGLE: f64 = 12.0 * 2.0 * std::f64::consts::PI / 360.0;
 
+    /// A cart at the given x, ẋ, θ, θ̇.
     pub fn at(state: [f64; 4]) -> Self {
         Self { state }
     }

@@ -8,10 +8,13 @@ use super::{Acrobot, Answer, CartPole, Environment, MountainCar, Outcome, Spec, 
 /// The name of an environment. A new one is a variant, its name, and a line in each function below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum EnvironmentId {
+    /// Under a time limit of 500 steps.
     #[serde(rename = "CartPole-v1")]
     CartPoleV1,
+    /// Under a time limit of 500 steps.
     #[serde(rename = "Acrobot-v1")]
     AcrobotV1,
+    /// Under a time limit of 200 steps.
     #[serde(rename = "MountainCar-v0")]
     MountainCarV0,
 }

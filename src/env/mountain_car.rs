@@ -49,6 +49,7 @@ pub struct MountainCar {
 }
 
 impl MountainCar {
+    /// A car at the given x, v.
     pub fn at(state: [f64; 2]) -> Self {
         Self { state }
     }
