@@ -1,6 +1,7 @@
 //! A recorded loop in a `.safetensors` file, whoever wrote it. docs/check.md describes the layout.
 
 use std::borrow::Cow;
+use std::cell::OnceCell;
 use std::collections::{BTreeMap, HashMap};
 
 use safetensors::tensor::TensorView;
@@ -122,6 +123,7 @@ pub(crate) struct Whole {
     pub number: usize,
     pub told: Told,
     tensors: BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>,
+    without_optimizer: OnceCell<Option<Update>>,
 }
 
 /// Settings, and the names of those that the file says.
@@ -161,9 +163,10 @@ impl Whole {
     }
 
     /// The update without what the optimiser remembers.
-    pub fn without_optimizer(&self) -> Option<Update> {
+    pub fn without_optimizer(&self) -> Option<&Update> {
         let is_kept = |name: &str| !(name.starts_with("adam.") || name == "result.q");
-        self.update(self.told.settings, |name| is_kept(name).then(|| name.into()))
+        let read = || self.update(self.told.settings, |name| is_kept(name).then(|| name.into()));
+        self.without_optimizer.get_or_init(read).as_ref()
     }
 
     /// The forward pass of the online network after the update.
@@ -415,7 +418,12 @@ impl Columns<'_> {
             else {
                 continue;
             };
-            let new = || Whole { number, told: told(number), tensors: BTreeMap::new() };
+            let new = || Whole {
+                number,
+                told: told(number),
+                tensors: BTreeMap::new(),
+                without_optimizer: OnceCell::new(),
+            };
             let tensor = (view.dtype(), view.shape().to_vec(), view.data().to_vec());
             updates.entry(number).or_insert_with(new).tensors.insert(name.to_owned(), tensor);
         }

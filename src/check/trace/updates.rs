@@ -131,7 +131,7 @@ pub(super) fn judge_whole(
     progress: &(dyn Fn(Stage, usize, usize) + Sync),
 ) {
     let updates = trace.whole.iter().filter_map(|whole| Some((whole, whole.without_optimizer()?)));
-    let updates: Vec<(&Whole, Update)> = updates.collect();
+    let updates: Vec<(&Whole, &Update)> = updates.collect();
     let Some((_, first)) = updates.first() else {
         if trace.updates.step.len() > ENOUGH {
             judgement.doubt(
@@ -185,7 +185,7 @@ pub(super) fn judge_whole(
 }
 
 /// Tensors that are the same in the first whole update and after the last.
-fn unchanged_layers(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+fn unchanged_layers(updates: &[(&Whole, &Update)], judgement: &mut Judgement) {
     let [(from, first), .., (to, last)] = updates else { return };
     let Some(after) = &last.results.online else { return };
     let apart = to.number - from.number;
@@ -206,7 +206,7 @@ fn unchanged_layers(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
 }
 
 /// Hidden layers that are 0 for every observation.
-fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
+fn dead(updates: &[(&Whole, &Update)], judgement: &mut Judgement) {
     // Only of a network whose targets are those of dense layers with ReLU between them.
     let is_known = |update: &Update| {
         update.results.targets.is_some() && equal_in_targets_and_loss(update, LayerKinds::RIGHT)
@@ -238,8 +238,8 @@ fn dead(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
 }
 
 /// The first step of Adam is the learning rate for every weight with a gradient.
-fn first_steps(updates: &[(&Whole, Update)], judgement: &mut Judgement) {
-    let is_first = |(whole, update): &&(&Whole, Update)| {
+fn first_steps(updates: &[(&Whole, &Update)], judgement: &mut Judgement) {
+    let is_first = |(whole, update): &&(&Whole, &Update)| {
         let Some(after) = &update.results.online else { return false };
         let pairs = after.parameters().iter().zip(update.online.parameters());
         let steps: Vec<f64> =
