@@ -57,8 +57,7 @@ for name in relaxed-simd simd128; do
     as_text "$parts/$name.gz"
     printf '</script>\n'
 done >"$parts/modules"
-for name in cartpole fast plain tutorial q_table; do
-    [ -e "../configs/$name.json" ] || continue
+for name in cartpole fast plain tutorial q_table $(cd ../configs && printf '%s\n' ladder/*.json | sed 's/[.]json$//'); do
     printf '<script type="application/json" data-preset="%s">\n' "$name"
     cat "../configs/$name.json"
     printf '</script>\n'

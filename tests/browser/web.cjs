@@ -184,6 +184,24 @@ async function aChangedRunIsTheOneOfItsCommand(browser) {
   await page.close();
 }
 
+async function everyStepOfTheLadderIsAPreset(browser) {
+  const page = await open(browser, '#budget.steps=600');
+  const steps = await page.$$eval('optgroup option', options => options.map(option => option.value));
+  const files = fs.readdirSync(path.join(__dirname, '../../configs/ladder')).sort();
+  assert.deepEqual(steps.map(step => `${step.slice('ladder/'.length)}.json`), files);
+  for (const step of steps) {
+    await page.selectOption('#preset', step);
+    await until(page, `settings.preset === '${step}' && run.policy`);
+    assert.match(await text(page, 'command'), new RegExp(`^cartpole-dqn train --config ${step} --out`));
+  }
+  const soft = await open(browser, '#preset=ladder/04_soft_target&budget.steps=600');
+  await soft.click('#train');
+  await sees(soft, 'where', /The run has ended/);
+  assert.equal(await text(soft, 'sha256'), trained(await text(soft, 'command')).weights_sha256);
+  await page.close();
+  await soft.close();
+}
+
 async function aSeedOf64BitsStaysItself(browser) {
   const seed = '18446744073709551615';
   const page = await open(browser, `#seed=${seed}&budget.steps=9007199254740993`);
@@ -316,9 +334,9 @@ async function main() {
   const browser = await chromium.launchPersistentContext(path.join(directory, 'profile'), { executablePath: CHROMIUM, args: ARGUMENTS });
   try {
     const checks = [
-      theDefaultIsSolvedWithTheProgramsBits, aCheckpointIsPlayed, aChangedRunIsTheOneOfItsCommand, aSeedOf64BitsStaysItself,
-      noLinkBreaksThePage, whatIsRefusedHasNoCommand, pauseAndResetInterruptAnEvaluation, everybodyCanUseIt,
-      everyModuleHasTheReferencesBits,
+      theDefaultIsSolvedWithTheProgramsBits, aCheckpointIsPlayed, aChangedRunIsTheOneOfItsCommand, everyStepOfTheLadderIsAPreset,
+      aSeedOf64BitsStaysItself, noLinkBreaksThePage, whatIsRefusedHasNoCommand, pauseAndResetInterruptAnEvaluation,
+      everybodyCanUseIt, everyModuleHasTheReferencesBits,
     ];
     for (const check of checks) {
       await check(browser);

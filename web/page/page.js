@@ -350,9 +350,14 @@ function makeControls() {
     box.addEventListener('change', () => change(() => put(box.checked, run.config)));
     element('switches').append(label);
   }
-  for (const [name, title] of Object.entries(PRESETS)) {
-    if (preset(name)) element('preset').add(new Option(title, name));
+  // The steps from the tutorial to the default are a group of their own: "05 target policy" is ladder/05_target_policy.
+  const ladder = document.createElement('optgroup');
+  ladder.label = 'From the tutorial to the default';
+  for (const { dataset: { preset: name } } of presets()) {
+    if (name.startsWith('ladder/')) ladder.append(new Option(name.slice('ladder/'.length).replaceAll('_', ' '), name));
+    else element('preset').add(new Option(PRESETS[name], name));
   }
+  element('preset').add(ladder);
   const own = new Option('an edited config', '');
   own.hidden = true;
   element('preset').add(own);

@@ -1,6 +1,7 @@
 // The settings of a run: a preset, and what is set on top of it, as `--set key=value` of the command line.
 const PRESETS = { cartpole: 'the default', fast: 'fast', plain: 'plain DQN', tutorial: 'the Keras tutorial', q_table: 'Q-table' };
-const preset = name => (Object.hasOwn(PRESETS, name) ? document.querySelector(`[data-preset="${name}"]`)?.textContent : undefined);
+const presets = () => [...document.querySelectorAll('[data-preset]')];
+const preset = name => presets().find(({ dataset }) => dataset.preset === name)?.textContent;
 
 const settings = { preset: 'cartpole', text: preset('cartpole'), sets: new Map() };
 
