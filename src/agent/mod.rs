@@ -149,11 +149,10 @@ pub enum NotFinite {
 
 /// The action with the largest of a sample's Q-values, the first of equals. `q` is (batch, actions).
 pub(crate) fn argmax<T: crate::nn::Float>(q: &nalgebra::DMatrix<T>, sample: usize) -> usize {
-    let mut best = 0;
+    let (mut best, mut largest) = (0, q[(sample, 0)]);
     for action in 1..q.ncols() {
-        if q[(sample, action)] > q[(sample, best)] {
-            best = action;
-        }
+        let value = q[(sample, action)];
+        (best, largest) = if value > largest { (action, value) } else { (best, largest) };
     }
     best
 }

@@ -212,10 +212,31 @@ pub trait Environment: Send {
         Ok(None)
     }
 
+    /// Many of its kind that take their steps together, none yet; none if that is not faster. Episodes are truncated after
+    /// `max_steps` steps.
+    fn vector(&self, _max_steps: u32) -> Option<Box<dyn VectorEnvironment>> {
+        None
+    }
+
     /// In how many processes of its own the environment may be played at the same time; none if it is played in this process.
     fn processes(&self) -> Option<usize> {
         None
     }
+}
+
+/// Environments that take their steps together (Gymnasium's `VectorEnv`), each with the bits that it has alone.
+pub trait VectorEnvironment {
+    /// Adds an environment at a start, before the first step.
+    fn add(&mut self, start: Start<'_>) -> Answer<()>;
+
+    /// What the agents see, one observation after the other.
+    fn observations(&self) -> &[f32];
+
+    /// One time step of each environment, with its action. `outcomes` gets one for each.
+    fn step(&mut self, actions: &[usize], outcomes: &mut Vec<Outcome>) -> Answer<()>;
+
+    /// Removes an environment. The last one takes its place.
+    fn swap_remove(&mut self, place: usize);
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! A limit on the length of an episode, outside the physics (Pardo et al. 2018, "Time limits in reinforcement
 //! learning"): it truncates, it does not terminate.
 
-use super::{Answer, Environment, Image, Outcome, Spec, Start};
+use super::{Answer, Environment, Image, Outcome, Spec, Start, VectorEnvironment};
 
 /// Truncates the episodes of `E` after `max_steps` steps. An inner environment that truncates its own episodes still does.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +47,10 @@ impl<E: Environment> Environment for TimeLimit<E> {
 
     fn image(&mut self) -> Answer<Option<Image>> {
         self.environment.image()
+    }
+
+    fn vector(&self, max_steps: u32) -> Option<Box<dyn VectorEnvironment>> {
+        self.environment.vector(self.max_steps.min(max_steps))
     }
 
     fn processes(&self) -> Option<usize> {

@@ -4,8 +4,8 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use crate::agent::{Actor, Greedy, Played, Policy, Probes, Random};
-use crate::env::{Answer, Environment, EnvironmentError, Make, Outcome, Start};
+use crate::agent::{Actor, Played, Policy, Probes, Random};
+use crate::env::{Answer, Environment, EnvironmentError, Make, Outcome, Spec, Start, VectorEnvironment};
 use crate::rng::{Rng, Stream};
 
 /// Most episodes that are played at the same time.
@@ -109,32 +109,44 @@ impl Play<'_> {
     }
 
     fn lockstep(&self, seeds: impl Iterator<Item = u64>) -> Answer<Vec<Played>> {
+        let environment = (self.make)(self.max_steps)?;
+        let Spec { observation_size, num_actions, max_steps: scored_steps, .. } = *environment.spec();
+        let mut environments = environment.vector(self.max_steps).unwrap_or_else(|| {
+            let (first, environments, observations) = (Some(environment), Vec::new(), Vec::new());
+            Box::new(Separate { play: self, observation_size, first, environments, observations })
+        });
         let mut playing = Vec::new();
         for (index, seed) in seeds.enumerate() {
-            let mut environment = (self.make)(self.max_steps)?;
-            let mut observation = vec![0.0; environment.spec().observation_size];
-            environment.reset(Start::Seed(seed), &mut observation)?;
+            environments.add(Start::Seed(seed))?;
             let is_disturbed = self.is_test && seed % 2 == 1;
-            let rng = is_disturbed.then(|| Rng::spawn(seed, Stream::Explore));
-            playing.push(Playing { index, environment, observation, rng });
+            playing.push((index, is_disturbed.then(|| Rng::spawn(seed, Stream::Explore))));
         }
         let mut played = vec![Played::default(); playing.len()];
         let mut greedy = self.policy.greedy(playing.len());
-        let (mut discount, mut failed) = (1.0, None);
+        let (mut actions, mut outcomes, mut discount) = (Vec::new(), Vec::new(), 1.0);
         while !playing.is_empty() {
             // Ended episodes stay in the batch. It is rebuilt when half of it has ended.
             if playing.len() <= greedy.batch() / 2 {
                 greedy = self.policy.greedy(playing.len());
             }
-            greedy.forward_batch(playing.iter().map(|episode| &episode.observation[..]));
-            let mut place = 0;
-            playing.retain_mut(|episode| {
-                let outcome = episode.step(&greedy, place, discount, &mut played[episode.index]);
-                place += 1;
-                outcome.map_err(|error| failed = Some(error)).is_ok_and(|outcome| !outcome.ended())
-            });
-            if let Some(error) = failed {
-                return Err(error);
+            greedy.forward_batch(environments.observations().chunks_exact(observation_size));
+            actions.clear();
+            actions.extend(playing.iter_mut().enumerate().map(|(place, (_, rng))| {
+                let disturbing = rng.as_mut().and_then(|rng| (rng.unit() <= LASTING_EPSILON).then_some(rng));
+                disturbing.map_or_else(|| greedy.action(place), |rng| rng.below(num_actions as u64) as usize)
+            }));
+            environments.step(&actions, &mut outcomes)?;
+            // From the last one, so that the one that takes the place of an ended one has been counted.
+            for place in (0..playing.len()).rev() {
+                let (outcome, episode) = (outcomes[place], &mut played[playing[place].0]);
+                if episode.steps == 0 {
+                    episode.expected = greedy.q_value(place, actions[place]);
+                }
+                episode.count(outcome, u64::from(scored_steps), discount);
+                if outcome.ended() {
+                    playing.swap_remove(place);
+                    environments.swap_remove(place);
+                }
             }
             if played.iter().any(|episode| self.ends_with(episode)) {
                 break;
@@ -145,28 +157,44 @@ impl Play<'_> {
     }
 }
 
-struct Playing {
-    index: usize,
-    environment: Box<dyn Environment>,
-    observation: Vec<f32>,
-    /// Of the random actions in a test.
-    rng: Option<Rng>,
+/// Environments that know no other way to take their steps than one after the other.
+struct Separate<'a> {
+    play: &'a Play<'a>,
+    observation_size: usize,
+    /// One that has been made and waits for its start.
+    first: Option<Box<dyn Environment>>,
+    environments: Vec<Box<dyn Environment>>,
+    observations: Vec<f32>,
 }
 
-impl Playing {
-    /// One step with the action at a place of the batch, or a random one.
-    fn step(&mut self, greedy: &Greedy, place: usize, discount: f64, played: &mut Played) -> Answer<Outcome> {
-        let spec = self.environment.spec();
-        let (num_actions, scored_steps) = (spec.num_actions as u64, u64::from(spec.max_steps));
-        let disturbing = self.rng.as_mut().and_then(|rng| (rng.unit() <= LASTING_EPSILON).then_some(rng));
-        let random = disturbing.map(|rng| rng.below(num_actions) as usize);
-        let action = random.unwrap_or_else(|| greedy.action(place));
-        if played.steps == 0 {
-            played.expected = greedy.q_value(place, action);
+impl VectorEnvironment for Separate<'_> {
+    fn add(&mut self, start: Start<'_>) -> Answer<()> {
+        let mut environment = self.first.take().map_or_else(|| (self.play.make)(self.play.max_steps), Ok)?;
+        let before = self.observations.len();
+        self.observations.resize(before + self.observation_size, 0.0);
+        environment.reset(start, &mut self.observations[before..])?;
+        self.environments.push(environment);
+        Ok(())
+    }
+
+    fn observations(&self) -> &[f32] {
+        &self.observations
+    }
+
+    fn step(&mut self, actions: &[usize], outcomes: &mut Vec<Outcome>) -> Answer<()> {
+        let seen = self.observations.chunks_exact_mut(self.observation_size);
+        outcomes.clear();
+        for ((environment, seen), &action) in self.environments.iter_mut().zip(seen).zip(actions) {
+            outcomes.push(environment.step(action, seen)?);
         }
-        let outcome = self.environment.step(action, &mut self.observation)?;
-        played.count(outcome, scored_steps, discount);
-        Ok(outcome)
+        Ok(())
+    }
+
+    fn swap_remove(&mut self, place: usize) {
+        self.environments.swap_remove(place);
+        let last = self.observations.len() - self.observation_size;
+        self.observations.copy_within(last.., place * self.observation_size);
+        self.observations.truncate(last);
     }
 }
 
