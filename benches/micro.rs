@@ -69,10 +69,7 @@ fn random(rows: usize, columns: usize, seed: u64) -> DMatrix<f32> {
 
 /// Times `fast` once it has written the same bits as `naive`.
 fn compare(
-    bencher: Bencher,
-    count: usize,
-    mut output: DMatrix<f32>,
-    naive: impl FnOnce(&mut DMatrix<f32>),
+    bencher: Bencher, count: usize, mut output: DMatrix<f32>, naive: impl FnOnce(&mut DMatrix<f32>),
     mut fast: impl FnMut(&mut DMatrix<f32>),
 ) {
     let mut expected = output.clone();

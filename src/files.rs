@@ -23,8 +23,7 @@ const SUFFIX: &str = ".tmp";
 /// # Errors
 /// Any failure on the way, that of `write` included; a file that was there before then still is.
 pub fn write_whole<E: From<io::Error>>(
-    path: &Path,
-    write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
+    path: &Path, write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
 ) -> Result<(), E> {
     if path.metadata().is_ok_and(|found| !found.is_file()) {
         let mut device = BufWriter::new(File::options().write(true).open(path)?);
@@ -44,10 +43,7 @@ impl Directory {
     /// # Errors
     /// See [`write_whole`]; and where the file is a link or reached through one.
     pub fn write_whole<E: From<io::Error>>(
-        &self,
-        path: &Path,
-        kept: Option<&Path>,
-        write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
+        &self, path: &Path, kept: Option<&Path>, write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<(), E> {
         for path in [Some(path), kept].into_iter().flatten() {
             self.refuse_link(path)?;

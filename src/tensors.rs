@@ -124,8 +124,7 @@ impl Tensors {
     }
 
     pub fn to_safetensors(
-        &self,
-        metadata: Option<HashMap<String, String>>,
+        &self, metadata: Option<HashMap<String, String>>,
     ) -> Result<Vec<u8>, safetensors::SafeTensorError> {
         safetensors::serialize(&self.0, metadata)
     }
@@ -296,9 +295,7 @@ fn torch_layer(network: &Mlp<f32>, layer: usize) -> (Vec<f32>, &[f32]) {
 
 /// Fills a network from `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, …, which `read` gives.
 pub(crate) fn read_network<T: Kernels, E>(
-    prefix: &str,
-    network: &mut Mlp<T>,
-    mut read: impl FnMut(&str, &[usize]) -> Result<Vec<T>, E>,
+    prefix: &str, network: &mut Mlp<T>, mut read: impl FnMut(&str, &[usize]) -> Result<Vec<T>, E>,
 ) -> Result<(), E> {
     for layer in 0..network.num_layers() {
         let (inputs, outputs) = (network.sizes()[layer], network.sizes()[layer + 1]);

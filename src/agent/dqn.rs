@@ -78,13 +78,8 @@ impl Dqn {
 /// What the Q-values of a minibatch should be: y = r + γᵏ max_a Q_target(s′, a), see [`td::targets`] and
 /// [`td::double_targets`]. `activations` and `next_q` are scratch.
 fn td_targets(
-    double: bool,
-    online: &QNetwork,
-    target: &QNetwork,
-    minibatch: &Minibatch,
-    activations: &mut Activations<f32>,
-    next_q: &mut DMatrix<f32>,
-    targets: &mut [f32],
+    double: bool, online: &QNetwork, target: &QNetwork, minibatch: &Minibatch,
+    activations: &mut Activations<f32>, next_q: &mut DMatrix<f32>, targets: &mut [f32],
 ) {
     let Minibatch { rewards, discounts, next_observations, terminated, .. } = minibatch;
     if double {
@@ -174,11 +169,7 @@ impl Dqn {
     /// An agent that knows nothing yet, its streams spawned from `seed`. With `replay.mirror` it reflects half of its samples
     /// in `mirror`, the mirror image of the task.
     pub fn new(
-        config: DqnConfig,
-        observation_size: usize,
-        num_actions: usize,
-        mirror: Option<&Mirror>,
-        seed: u64,
+        config: DqnConfig, observation_size: usize, num_actions: usize, mirror: Option<&Mirror>, seed: u64,
     ) -> Self {
         let divisors = config.observation_divisors.as_deref();
         let mut init = Rng::spawn(seed, Stream::Init);

@@ -43,11 +43,7 @@ pub enum AgentConfig {
 impl AgentConfig {
     /// The agent for a task of these sizes and with this mirror image, its streams spawned from `seed`.
     pub fn make(
-        &self,
-        observation_size: usize,
-        num_actions: usize,
-        mirror: Option<&crate::mirror::Mirror>,
-        seed: u64,
+        &self, observation_size: usize, num_actions: usize, mirror: Option<&crate::mirror::Mirror>, seed: u64,
     ) -> Box<dyn Agent> {
         match self.clone() {
             Self::Dqn(config) => Box::new(Dqn::new(config, observation_size, num_actions, mirror, seed)),

@@ -15,10 +15,7 @@ pub struct QNetwork {
 impl QNetwork {
     /// A network with freshly drawn weights; without `divisors` it takes observations as they are.
     pub(super) fn new(
-        config: &NetworkConfig,
-        divisors: Option<&[f64]>,
-        observation_size: usize,
-        num_actions: usize,
+        config: &NetworkConfig, divisors: Option<&[f64]>, observation_size: usize, num_actions: usize,
         rng: &mut crate::rng::Rng,
     ) -> Self {
         let mlp = Mlp::new(config, observation_size, num_actions, rng);

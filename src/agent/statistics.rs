@@ -97,13 +97,8 @@ pub(super) const TRANSITIONS: usize = 256;
 
 /// What a Q-network has. `td_errors` are the absolute TD errors of some transitions, and `gradient` is the loss's over them.
 pub(super) fn network_statistics(
-    network: &Mlp<f32>,
-    reward_scale: f64,
-    terminal_share: f64,
-    mut td_errors: Vec<f64>,
-    gradient: &Mlp<f32>,
-    probes: &Probes,
-    played: &[Played],
+    network: &Mlp<f32>, reward_scale: f64, terminal_share: f64, mut td_errors: Vec<f64>, gradient: &Mlp<f32>,
+    probes: &Probes, played: &[Played],
 ) -> NamedNumbers {
     td_errors.sort_by(f64::total_cmp);
     let quantile = |share: f64| td_errors[((td_errors.len() - 1) as f64 * share) as usize];
@@ -127,10 +122,7 @@ pub(super) fn network_statistics(
 /// What every table of Q-values has, as an agent stores it or a network computes it: the values of the ordinary and the doomed
 /// probes, (batch, actions), for rewards times `scale`.
 pub(super) fn value_statistics(
-    ordinary: &DMatrix<f32>,
-    doomed: &DMatrix<f32>,
-    scale: f64,
-    played: &[Played],
+    ordinary: &DMatrix<f32>, doomed: &DMatrix<f32>, scale: f64, played: &[Played],
 ) -> [(&'static str, f64); 4] {
     let (max_q, action_gap) = values(ordinary);
     let overestimated = played.iter().map(|episode| episode.expected / scale - episode.discounted);

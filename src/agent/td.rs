@@ -8,11 +8,7 @@ use crate::nn::{Float, Loss};
 /// terminal. With n steps (Sutton 1988) r is their discounted sum, s′ what follows them, and `discounts` is γᵏ for a
 /// sample of k steps. `next_q` is (batch, actions), the rest (batch).
 pub fn targets<T: Float>(
-    discounts: &[T],
-    rewards: &[T],
-    terminated: &[bool],
-    next_q: &DMatrix<T>,
-    targets: &mut [T],
+    discounts: &[T], rewards: &[T], terminated: &[bool], next_q: &DMatrix<T>, targets: &mut [T],
 ) {
     let (first, others) = next_q.as_slice().split_at(targets.len());
     targets.copy_from_slice(first);
@@ -27,12 +23,8 @@ pub fn targets<T: Float>(
 /// Double Q-learning's targets (van Hasselt, Guez and Silver 2016, eq. 4): the online network chooses the next
 /// action, the target network values it: y = r + γ Q_target(s′, argmax_a Q_online(s′, a)).
 pub fn double_targets<T: Float>(
-    discounts: &[T],
-    rewards: &[T],
-    terminated: &[bool],
-    next_q_online: &DMatrix<T>,
-    next_q_target: &DMatrix<T>,
-    targets: &mut [T],
+    discounts: &[T], rewards: &[T], terminated: &[bool], next_q_online: &DMatrix<T>,
+    next_q_target: &DMatrix<T>, targets: &mut [T],
 ) {
     for (sample, target) in targets.iter_mut().enumerate() {
         *target = next_q_target[(sample, super::argmax(next_q_online, sample))];
@@ -51,11 +43,7 @@ fn bootstrap<T: Float>(discounts: &[T], rewards: &[T], terminated: &[bool], targ
 /// The loss of the TD errors δ = Q(s, a) − y, averaged over the batch, and its gradient by every Q-value, which
 /// is 0 for the actions not taken. `q` and `q_gradient` are (batch, actions), the rest (batch).
 pub fn loss<T: Float>(
-    loss: Loss,
-    q: &DMatrix<T>,
-    actions: &[u8],
-    targets: &[T],
-    q_gradient: &mut DMatrix<T>,
+    loss: Loss, q: &DMatrix<T>, actions: &[u8], targets: &[T], q_gradient: &mut DMatrix<T>,
 ) -> T {
     let batch = targets.len();
     let scale = T::ONE / T::from_f64(batch as f64);

@@ -451,10 +451,7 @@ impl Remaining<'_> {
 
     /// What the optimiser remembers. SGD and RMSprop need not have both moments, nor a count of steps.
     fn moments(
-        &mut self,
-        sizes: &[usize],
-        networks: [Option<Mlp<f64>>; 3],
-        settings: &Settings,
+        &mut self, sizes: &[usize], networks: [Option<Mlp<f64>>; 3], settings: &Settings,
     ) -> Result<Moments, String> {
         let [first, second, largest] = networks;
         let (name, expected) = ("adam.steps", "one integer from 0 to 2^53: the steps before this update");
@@ -483,9 +480,7 @@ impl Remaining<'_> {
     }
 
     fn optional<T>(
-        &mut self,
-        name: &str,
-        read: impl FnOnce(&mut Self, &str) -> Result<T, String>,
+        &mut self, name: &str, read: impl FnOnce(&mut Self, &str) -> Result<T, String>,
     ) -> Result<Option<T>, String> {
         self.views.contains_key(name).then(|| read(self, name)).transpose()
     }
@@ -495,11 +490,7 @@ impl Remaining<'_> {
     }
 
     fn values(
-        &mut self,
-        name: &str,
-        shape: &[usize],
-        fits: impl Fn(f64) -> bool,
-        expected: &str,
+        &mut self, name: &str, shape: &[usize], fits: impl Fn(f64) -> bool, expected: &str,
     ) -> Result<Vec<f64>, String> {
         let values = self.take(name, shape)?;
         check_all(name, &values, fits, expected)?;

@@ -201,10 +201,7 @@ impl Search<'_> {
     /// Whether the largest v so far, which the file does not have, would explain a step: every weight moves in Adam's direction,
     /// and by no more.
     pub(super) fn could_be_amsgrad(
-        &self,
-        base: &Hypothesis,
-        ours: &[Number],
-        theirs: &[f64],
+        &self, base: &Hypothesis, ours: &[Number], theirs: &[f64],
     ) -> Option<String> {
         if base.variant.optimizer != Optimizer::Adam || base.variant.settings.amsgrad {
             return None;

@@ -28,10 +28,7 @@ impl Pass {
 
 /// y = W x + b for every layer, with an activation between them and one behind the last.
 pub(super) fn forward(
-    network: &Mlp<f64>,
-    observations: &DMatrix<f64>,
-    activations: LayerKinds,
-    unit: f64,
+    network: &Mlp<f64>, observations: &DMatrix<f64>, activations: LayerKinds, unit: f64,
 ) -> Pass {
     let batch = observations.nrows();
     let nothing = || Matrix::zeros(0, 0);
@@ -59,12 +56,7 @@ pub(super) fn forward(
 /// Adds to `gradient`, in the order of [`Mlp::parameters`], the gradient by the parameters of the layers from `first`
 /// on; `dy` is the gradient by the network's output.
 pub(super) fn backward(
-    network: &Mlp<f64>,
-    pass: &Pass,
-    mut dy: Matrix,
-    unit: f64,
-    first: usize,
-    gradient: &mut [Number],
+    network: &Mlp<f64>, pass: &Pass, mut dy: Matrix, unit: f64, first: usize, gradient: &mut [Number],
 ) {
     let batch = dy.value.nrows();
     let growth = square(unit) * batch as f64;

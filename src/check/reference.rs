@@ -272,10 +272,7 @@ impl<'a> Reference<'a> {
 
     /// Visits sample and output of what is compared, and its target; none where a full target vector has another number.
     fn compare(
-        &self,
-        variant: &Variant,
-        q: &Matrix,
-        targets: usize,
+        &self, variant: &Variant, q: &Matrix, targets: usize,
         mut visit: impl FnMut(usize, usize, Option<usize>),
     ) {
         let (batch, outputs) = q.value.shape();
@@ -306,11 +303,7 @@ impl<'a> Reference<'a> {
     /// ∂L/∂θ before anything is done to it, in the order of [`parameters`](crate::nn::Mlp::parameters): of the layers from
     /// `first` on, 0 before them.
     pub fn raw_gradients(
-        &self,
-        variant: &Variant,
-        targets: &Targets,
-        loss: &LossOf,
-        first: usize,
+        &self, variant: &Variant, targets: &Targets, loss: &LossOf, first: usize,
     ) -> Vec<Number> {
         let Update { online, rounding_unit: unit, .. } = self.update;
         let mut gradient = vec![Number::exact(0.0); online.parameters().len()];

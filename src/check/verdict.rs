@@ -469,10 +469,7 @@ impl Search<'_> {
 
     /// The results of a function, in the order of the items, which several threads compute.
     fn in_parallel<T: Sync, R: Send + Sync>(
-        &self,
-        items: &[T],
-        stage: Stage,
-        function: impl Fn(&T) -> R + Sync,
+        &self, items: &[T], stage: Stage, function: impl Fn(&T) -> R + Sync,
     ) -> Vec<R> {
         let is_large = self.update.online.parameters().len() > MAX_PARALLEL;
         let cores = thread::available_parallelism().map_or(1, usize::from);

@@ -240,9 +240,7 @@ impl<'a> Task<'a> {
 
     /// Plays one episode after another, and writes the trace if one is asked for; none if nobody reads it any longer.
     fn play_all(
-        &self,
-        actor: &mut impl Actor,
-        trace: Option<&Output<'_>>,
+        &self, actor: &mut impl Actor, trace: Option<&Output<'_>>,
     ) -> Result<Option<Vec<Played>>, Failure> {
         let mut played = Vec::new();
         let mut play = |file: &mut dyn Write| -> Result<(), WriteError> {
@@ -259,10 +257,7 @@ impl<'a> Task<'a> {
     }
 
     fn play_episode(
-        &self,
-        actor: &mut impl Actor,
-        episode: u64,
-        file: &mut dyn Write,
+        &self, actor: &mut impl Actor, episode: u64, file: &mut dyn Write,
     ) -> Result<Played, WriteError> {
         let seed = self.arguments.seed + episode;
         let mut environment = (self.make)(self.max_steps)?;

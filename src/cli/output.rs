@@ -61,8 +61,7 @@ impl Output<'_> {
     /// Writes the output. A reader of standard output that has gone away (`| head`) is no failure: the result is then
     /// false, and there is no use in going on.
     pub(super) fn write<E: From<io::Error> + Into<WriteError>>(
-        &self,
-        write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
+        &self, write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<bool, Failure> {
         let written = if self.is_standard() {
             let mut stdout = BufWriter::new(io::stdout().lock());

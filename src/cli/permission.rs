@@ -16,10 +16,7 @@ pub(super) struct AllowCommand {
 impl AllowCommand {
     /// Allows the environment of `file`, a run or a checkpoint, to start its program, if it has one: see [`allow`].
     pub(super) fn permit(
-        self,
-        environment: &mut EnvironmentConfig,
-        file: &str,
-        has_view: bool,
+        self, environment: &mut EnvironmentConfig, file: &str, has_view: bool,
     ) -> Result<(), String> {
         let Some(command) = environment.command() else { return Ok(()) };
         if !self.allow_command {
@@ -59,8 +56,7 @@ pub(super) struct SharedPrograms(Vec<(EnvironmentConfig, EnvironmentConfig)>);
 impl SharedPrograms {
     /// Has `allow` change the first of equal environments, and gives the others what that one became.
     pub(super) fn share<E>(
-        &mut self,
-        environment: &mut EnvironmentConfig,
+        &mut self, environment: &mut EnvironmentConfig,
         allow: impl FnOnce(&mut EnvironmentConfig) -> Result<(), E>,
     ) -> Result<(), E> {
         if let Some((_, allowed)) = self.0.iter().find(|(given, _)| given == environment) {

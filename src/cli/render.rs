@@ -86,10 +86,7 @@ pub(super) fn run(arguments: &RenderArguments) -> Result<(), Failure> {
 
 /// Writes an episode of shapes. Returns its steps, and whether somebody reads it.
 fn draw(
-    output: &Output<'_>,
-    format: Format,
-    policy: &SavedPolicy,
-    environment: &mut dyn Environment,
+    output: &Output<'_>, format: Format, policy: &SavedPolicy, environment: &mut dyn Environment,
     arguments: &RenderArguments,
 ) -> Result<(u64, bool), Failure> {
     let frames = record(&mut policy.greedy(1), environment, arguments.seed)?.frames;
@@ -109,10 +106,7 @@ fn draw(
 
 /// Writes an episode of a program, which gives pixels. Returns its steps, and whether somebody reads it.
 fn write_film(
-    output: &Output<'_>,
-    policy: &SavedPolicy,
-    environment: &mut dyn Environment,
-    arguments: &RenderArguments,
+    output: &Output<'_>, policy: &SavedPolicy, environment: &mut dyn Environment, arguments: &RenderArguments,
 ) -> Result<(u64, bool), Failure> {
     let rate = environment.spec().steps_per_second;
     let (seed, steps) = (arguments.seed, arguments.steps.unwrap_or(u64::MAX));

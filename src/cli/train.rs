@@ -171,11 +171,7 @@ fn what_is_kept(run: &RunDir, config: &Config, error: &TrainError) -> String {
 }
 
 fn observers<'a>(
-    arguments: &TrainArguments,
-    run: &RunDir,
-    config: &Config,
-    recorder: Recorder,
-    trainer: &Trainer,
+    arguments: &TrainArguments, run: &RunDir, config: &Config, recorder: Recorder, trainer: &Trainer,
     signals: &Signals,
 ) -> Result<Fanout<'a>, Failure> {
     let (budget, env_steps) = (config.budget, trainer.progress().env_steps);

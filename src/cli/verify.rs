@@ -75,10 +75,7 @@ pub(super) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
 }
 
 fn train(
-    trainer: &mut Trainer,
-    observer: &mut dyn Observer,
-    extent: &Extent,
-    signals: &Signals,
+    trainer: &mut Trainer, observer: &mut dyn Observer, extent: &Extent, signals: &Signals,
 ) -> Result<EndReason, Failure> {
     let mut reason = EndReason::Interrupted;
     match extent.env_steps {

@@ -173,9 +173,7 @@ impl Config {
 
     /// As [`Self::from_layers`], with the `key.path=value`s of `--vary` in the layer of `--set`.
     pub(crate) fn variation(
-        file: Option<(&str, &str)>,
-        sets: &[String],
-        varied: &[String],
+        file: Option<(&str, &str)>, sets: &[String], varied: &[String],
     ) -> Result<Self, ConfigError> {
         let file = file.map(|(name, text)| Layer::from_json(name, text)).transpose()?;
         let mut layers: Vec<_> = file.into_iter().collect();

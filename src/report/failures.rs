@@ -41,9 +41,7 @@ pub(super) fn reasons(trials: impl IntoIterator<Item = (String, u64, String)>) -
 
 /// The heading for so many trials, and a line for each reason; nothing if there is none.
 pub(super) fn reason_lines(
-    failures: &[Failures],
-    heading: impl Fn(usize) -> String,
-    label: impl Fn(&str) -> String,
+    failures: &[Failures], heading: impl Fn(usize) -> String, label: impl Fn(&str) -> String,
 ) -> Vec<String> {
     let count: usize = failures.iter().map(|failures| failures.trials).sum();
     let line = |Failures { trials, reason, config, seed }: &Failures| {

@@ -98,8 +98,7 @@ fn parse<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, ReportError> 
 
 /// `evaluations.csv`: one row per evaluation.
 fn csv<'a>(
-    file: &mut dyn Write,
-    runs: impl Iterator<Item = (&'a str, u64, Vec<Evaluation>)>,
+    file: &mut dyn Write, runs: impl Iterator<Item = (&'a str, u64, Vec<Evaluation>)>,
 ) -> io::Result<()> {
     write!(file, "{CSV_START}")?;
     for (config, seed, evaluations) in runs {

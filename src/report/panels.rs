@@ -69,11 +69,7 @@ fn learning_curve(layout: Layout, runs: &[Run], end: f64) -> Plot {
 
 /// One quantity of all runs; empty if no run has it. A logarithmic axis shows only values above 0.
 fn panel(
-    runs: &[Run],
-    end: f64,
-    title: &str,
-    is_logarithmic: bool,
-    of: impl Fn(&History) -> Points,
+    runs: &[Run], end: f64, title: &str, is_logarithmic: bool, of: impl Fn(&History) -> Points,
 ) -> String {
     let mut lines: Vec<Points> = runs.iter().map(|run| thinned(&of(&run.history))).collect();
     if is_logarithmic {

@@ -43,10 +43,7 @@ fn draw_threshold<'a>(plot: &mut Plot, mut tasks: impl Iterator<Item = &'a Spec>
 
 /// The file of a run's plot: its evaluations, and the mean return of the last 100 training episodes.
 pub(super) fn run(
-    name: &str,
-    task: &Spec,
-    evaluations: &[crate::trainer::Evaluation],
-    training: &[(f64, f64)],
+    name: &str, task: &Spec, evaluations: &[crate::trainer::Evaluation], training: &[(f64, f64)],
 ) -> Vec<(&'static str, Content)> {
     let points: Vec<_> = evaluations.iter().map(|e| (e.env_steps as f64, e.mean)).collect();
     let end = points.iter().chain(training).map(|&(step, _)| step).fold(0.0, f64::max);

@@ -52,11 +52,7 @@ impl RunDir {
     /// then removed. Nothing is changed before the metrics are locked: another process may train in the directory.
     /// `name` is what the config is called, and `init` the file of the weights that the run starts with, where they are not drawn.
     pub fn create(
-        path: &Path,
-        force: bool,
-        name: &str,
-        config: &Config,
-        init: Option<&Checkpoint>,
+        path: &Path, force: bool, name: &str, config: &Config, init: Option<&Checkpoint>,
     ) -> Result<(Self, JsonLines), RunError> {
         let run = Self::from(path);
         run.replaced(force)?;
@@ -190,11 +186,7 @@ impl RunDir {
     }
 
     fn fill(
-        &self,
-        metrics: &mut JsonLines,
-        replaced: Vec<PathBuf>,
-        name: &str,
-        config: &Config,
+        &self, metrics: &mut JsonLines, replaced: Vec<PathBuf>, name: &str, config: &Config,
         init: Option<&Checkpoint>,
     ) -> io::Result<()> {
         let directory = self.directory()?;

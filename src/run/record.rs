@@ -67,11 +67,7 @@ impl RunRecord {
         ["wall_seconds", "cpu_seconds", "version", "git_revision", "cpu_path"];
 
     pub fn new(
-        run: &RunDir,
-        trainer: &Trainer,
-        reason: EndReason,
-        wall_seconds: f64,
-        cpu_seconds: Option<f64>,
+        run: &RunDir, trainer: &Trainer, reason: EndReason, wall_seconds: f64, cpu_seconds: Option<f64>,
     ) -> Self {
         let sha256_of = |path: PathBuf| read_limited(&path, MAX_FILE_SIZE).ok().map(|bytes| sha256([bytes]));
         Self {

@@ -50,11 +50,7 @@ pub(crate) struct EndedRun {
 /// # Errors
 /// When the directory cannot be used, or the policy does not fit; nothing of the run stays then.
 pub(crate) fn start(
-    path: &Path,
-    force: bool,
-    name: &str,
-    config: &Config,
-    init: Option<&Path>,
+    path: &Path, force: bool, name: &str, config: &Config, init: Option<&Path>,
 ) -> Result<Started, RunError> {
     let mut trainer = config.make_trainer()?;
     let init = init.map(|path| start_from(&checkpoint_of(path)?, &mut trainer)).transpose()?;
@@ -66,9 +62,7 @@ pub(crate) fn start(
 }
 
 pub(crate) fn start_again(
-    path: &Path,
-    config: &Config,
-    init: Option<&Checkpoint>,
+    path: &Path, config: &Config, init: Option<&Checkpoint>,
 ) -> Result<(RunDir, Recorder), RunError> {
     let (dir, metrics) = RunDir::create(path, false, "", config, init)?;
     Ok((dir.clone(), Recorder { dir, config: config.clone(), metrics }))
@@ -123,9 +117,7 @@ pub(crate) fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Opti
 /// off. `sets` may change its budget, its schedules and `stop_when_lasting_steps` to null. Nothing is changed on bad input.
 /// `permit` may allow the environment to start a program, or else says why not.
 pub fn resume(
-    path: &Path,
-    sets: &[String],
-    permit: impl FnOnce(&mut EnvironmentConfig) -> Result<(), String>,
+    path: &Path, sets: &[String], permit: impl FnOnce(&mut EnvironmentConfig) -> Result<(), String>,
 ) -> Result<Resumed, RunError> {
     let (dir, recorded) = RunDir::open(path)?;
     let mut metrics = dir.take()?;

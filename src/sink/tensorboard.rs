@@ -33,9 +33,7 @@ pub(crate) struct TensorBoard {
 impl TensorBoard {
     /// Creates a new file in a directory, which is made if it is missing, for a run that has made `env_steps` steps.
     pub fn create(
-        directory: &crate::files::Directory,
-        path: &Path,
-        env_steps: u64,
+        directory: &crate::files::Directory, path: &Path, env_steps: u64,
         learning_rate: impl Fn(u64) -> f64 + 'static,
     ) -> io::Result<Self> {
         directory.create_dir(path)?;
@@ -57,9 +55,7 @@ impl TensorBoard {
     }
 
     fn write_scalars(
-        &mut self,
-        step: u64,
-        scalars: impl IntoIterator<Item = (impl AsRef<str>, f64)>,
+        &mut self, step: u64, scalars: impl IntoIterator<Item = (impl AsRef<str>, f64)>,
     ) -> io::Result<()> {
         let mut summary = Vec::new();
         for (tag, value) in scalars {

@@ -13,11 +13,7 @@ impl StudyDir {
     /// ends. Once `stop` is set, no trial begins, and each unfinished trial writes a checkpoint from which it can be resumed. A trial
     /// that cannot be written sets it; one that diverges or is stopped is no error.
     pub fn run(
-        &self,
-        trials: &[(usize, u64)],
-        make: &MakeFor,
-        jobs: usize,
-        stop: &AtomicBool,
+        &self, trials: &[(usize, u64)], make: &MakeFor, jobs: usize, stop: &AtomicBool,
         mut done: impl FnMut(&Result<Trial, Unended>),
     ) -> Result<(), StudyError> {
         if trials.is_empty() {

@@ -115,12 +115,8 @@ impl Trial {
     /// Trains the config with the seed and scores what it came to. The file at `place` has the newest checkpoint of a try
     /// that did not end, and this one resumes it.
     pub(super) fn run(
-        named: &super::NamedConfig,
-        make: Arc<Make>,
-        seed: u64,
-        lasting: bool,
-        place: Option<(&Directory, &Path)>,
-        stop: &AtomicBool,
+        named: &super::NamedConfig, make: Arc<Make>, seed: u64, lasting: bool,
+        place: Option<(&Directory, &Path)>, stop: &AtomicBool,
     ) -> Result<Self, Unended> {
         let config = Config { seed, ..named.config.clone() };
         let mut keeper = Keeper { config: &config, place, evaluations: Vec::new(), is_kept: false };
@@ -130,11 +126,7 @@ impl Trial {
     }
 
     fn try_run(
-        name: &str,
-        make: Arc<Make>,
-        lasting: bool,
-        keeper: &mut Keeper,
-        stop: &AtomicBool,
+        name: &str, make: Arc<Make>, lasting: bool, keeper: &mut Keeper, stop: &AtomicBool,
     ) -> Result<Self, Cause> {
         let config = keeper.config;
         let mut trainer = match keeper.resume(&make)? {

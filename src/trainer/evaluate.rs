@@ -22,12 +22,7 @@ pub const LASTING_EPSILON: f64 = 0.05;
 /// Episodes run in lockstep, as one batch, with the same bits as one by one ([`play`]). Those of another program run one by one
 /// in each of its processes.
 pub fn evaluate(
-    policy: &Policy,
-    make: &Make,
-    max_steps: u32,
-    first_seed: u64,
-    episodes: u64,
-    gamma: f64,
+    policy: &Policy, make: &Make, max_steps: u32, first_seed: u64, episodes: u64, gamma: f64,
 ) -> Answer<Vec<Played>> {
     Play { policy, make, max_steps, gamma, is_test: false }.episodes(first_seed, episodes)
 }
@@ -75,10 +70,7 @@ impl Play<'_> {
 
     /// Plays so many episodes, each with `play`, up to `processes` at the same time. Who plays which one changes nothing.
     fn in_processes(
-        &self,
-        processes: usize,
-        episodes: u64,
-        play: impl Fn(u64) -> Answer<Played> + Sync,
+        &self, processes: usize, episodes: u64, play: impl Fn(u64) -> Answer<Played> + Sync,
     ) -> Answer<Vec<Played>> {
         let next = AtomicU64::new(0);
         let ended = Mutex::new(std::collections::BTreeMap::new());
@@ -236,9 +228,7 @@ impl Moment<'_> {
 /// # Errors
 /// The first error of the environment or of `see`, which ends the episode.
 pub(crate) fn play<X: From<EnvironmentError>>(
-    actor: &mut impl Actor,
-    environment: &mut dyn Environment,
-    seed: u64,
+    actor: &mut impl Actor, environment: &mut dyn Environment, seed: u64,
     see: impl FnMut(Moment<'_>) -> Result<bool, X>,
 ) -> Result<(), X> {
     let mut observation = vec![0.0; environment.spec().observation_size];
@@ -248,9 +238,7 @@ pub(crate) fn play<X: From<EnvironmentError>>(
 
 /// As [`play`], from the observation that the environment has been reset to.
 fn play_from<X: From<EnvironmentError>>(
-    actor: &mut impl Actor,
-    environment: &mut dyn Environment,
-    observation: &mut [f32],
+    actor: &mut impl Actor, environment: &mut dyn Environment, observation: &mut [f32],
     mut see: impl FnMut(Moment<'_>) -> Result<bool, X>,
 ) -> Result<(), X> {
     let mut outcome: Option<Outcome> = None;

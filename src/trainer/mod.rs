@@ -89,9 +89,7 @@ pub struct Trainer {
 impl Trainer {
     /// A run before its first step, with the agent that `make_agent` makes for the task.
     pub fn new(
-        config: TrainerConfig,
-        make_agent: impl FnOnce(&Spec) -> Box<dyn Agent>,
-        make: Arc<Make>,
+        config: TrainerConfig, make_agent: impl FnOnce(&Spec) -> Box<dyn Agent>, make: Arc<Make>,
     ) -> Answer<Self> {
         let environment = make(config.max_episode_steps)?;
         let spec = environment.spec().clone();

@@ -51,13 +51,8 @@ impl Live {
     /// Opens the view of a run that has done so many steps. The first quit stops the run after its current step; a second one
     /// restores the terminal and calls `end_process`.
     pub fn open(
-        name: &str,
-        environment: Box<dyn crate::env::Environment>,
-        budget: Budget,
-        env_steps: u64,
-        pace: Pace,
-        interrupts: &Interrupts,
-        end_process: impl FnOnce() + Send + 'static,
+        name: &str, environment: Box<dyn crate::env::Environment>, budget: Budget, env_steps: u64,
+        pace: Pace, interrupts: &Interrupts, end_process: impl FnOnce() + Send + 'static,
     ) -> Result<Self, NoView> {
         let screen = Screen::open()?;
         let shared = Arc::new(Shared::new(pace, environment.spec().steps_per_second, env_steps));

@@ -21,10 +21,7 @@ const MAX_VALUES: usize = 6;
 
 /// Plays a policy's episodes from the seeds `seed`, `seed + 1`, … until somebody quits or `stop` is set.
 pub(crate) fn watch(
-    policy: Greedy,
-    environment: Box<dyn Environment>,
-    name: &str,
-    seed: u64,
+    policy: Greedy, environment: Box<dyn Environment>, name: &str, seed: u64,
     stop: &std::sync::atomic::AtomicBool,
 ) -> Result<(), NoView> {
     let mut screen = Screen::open()?;

@@ -302,20 +302,13 @@ fn judged(id: EnvironmentId, rows: &[Row], has_truncated: bool) -> (Vec<&'static
 }
 
 fn judged_with(
-    settings: Settings,
-    id: EnvironmentId,
-    rows: &[Row],
-    has_truncated: bool,
+    settings: Settings, id: EnvironmentId, rows: &[Row], has_truncated: bool,
 ) -> (Vec<&'static str>, Vec<String>) {
     judged_with_discounts(settings, id, rows, has_truncated, vec![0.99; rows.len()])
 }
 
 fn judged_with_discounts(
-    settings: Settings,
-    id: EnvironmentId,
-    rows: &[Row],
-    has_truncated: bool,
-    discounts: Vec<f64>,
+    settings: Settings, id: EnvironmentId, rows: &[Row], has_truncated: bool, discounts: Vec<f64>,
 ) -> (Vec<&'static str>, Vec<String>) {
     let size = rows.len();
     let spec = id.spec();

@@ -798,9 +798,7 @@ impl Agent for Recording {
         self.1.save(tensors);
     }
     fn load(
-        &mut self,
-        tensors: &cartpole_dqn::tensors::Tensors,
-        env_steps: u64,
+        &mut self, tensors: &cartpole_dqn::tensors::Tensors, env_steps: u64,
     ) -> Result<(), cartpole_dqn::tensors::TensorError> {
         self.1.load(tensors, env_steps)
     }

@@ -151,9 +151,7 @@ impl Told {
 impl Whole {
     /// The update with these settings, of the tensors for which there is a new name.
     pub fn update(
-        &self,
-        settings: Settings,
-        new_name: impl for<'a> Fn(&'a str) -> Option<Cow<'a, str>>,
+        &self, settings: Settings, new_name: impl for<'a> Fn(&'a str) -> Option<Cow<'a, str>>,
     ) -> Option<Update> {
         let views = self.tensors.iter().filter_map(|(name, (dtype, shape, bytes))| {
             Some((new_name(name)?, TensorView::new(*dtype, shape.clone(), bytes).ok()?))

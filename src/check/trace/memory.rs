@@ -260,10 +260,7 @@ type Known<'a> = (&'a Sampled, Vec<usize>);
 
 /// Which of the steps so far are sampled.
 fn ages(
-    trace: &Trace,
-    origins: &[RowOrigin],
-    episodes: &Episodes,
-    minibatches: &[Sampled],
+    trace: &Trace, origins: &[RowOrigin], episodes: &Episodes, minibatches: &[Sampled],
     judgement: &mut Judgement,
 ) {
     let firsts = |one: &Sampled| spans(&origins[one.rows.clone()]).iter().map(|span| span.first).collect();

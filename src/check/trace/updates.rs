@@ -126,9 +126,7 @@ fn diverges(trace: &Trace, judgement: &mut Judgement) {
 
 /// What the whole updates show.
 pub(super) fn judge_whole(
-    trace: &Trace,
-    judgement: &mut Judgement,
-    progress: &(dyn Fn(Stage, usize, usize) + Sync),
+    trace: &Trace, judgement: &mut Judgement, progress: &(dyn Fn(Stage, usize, usize) + Sync),
 ) {
     let updates = trace.whole.iter().filter_map(|whole| Some((whole, whole.without_optimizer()?)));
     let updates: Vec<(&Whole, &Update)> = updates.collect();

@@ -32,11 +32,7 @@ impl Programs {
     /// A program that is not started yet. `task` is what is known of the task from before, if anything is. Evaluations play
     /// in up to `processes` processes at the same time.
     pub fn new(
-        command: Vec<String>,
-        processes: usize,
-        timeout: Duration,
-        task: Option<Spec>,
-        show: ShowLine,
+        command: Vec<String>, processes: usize, timeout: Duration, task: Option<Spec>, show: ShowLine,
     ) -> Self {
         let known = task.map_or_else(OnceLock::new, |task| OnceLock::from(Arc::new(task)));
         Self { command, processes, timeout, show, task: known, idle: Mutex::default() }

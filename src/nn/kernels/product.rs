@@ -150,9 +150,7 @@ impl Product {
     /// As for [`Self::compute`], and the columns lie in C.
     #[inline(always)]
     unsafe fn strip<V: Vector, const WIDTH: usize, const FULL: bool, const MAX_HEIGHT: usize>(
-        self,
-        epilogue: impl Epilogue,
-        column: usize,
+        self, epilogue: impl Epilogue, column: usize,
     ) {
         // SAFETY: the caller vouches for the operands. Every tile ends at C's last row or before. The sum of B's rows
         // is their product with ones, and its row follows C's other rows.
@@ -232,10 +230,7 @@ impl Product {
     /// As for [`Self::strip`], `b` is where the strip begins, and the rows lie in C.
     #[inline(always)]
     unsafe fn tile<V: Vector, const HEIGHT: usize, const WIDTH: usize, const FULL: bool>(
-        self,
-        epilogue: impl Epilogue,
-        row: usize,
-        column: usize,
+        self, epilogue: impl Epilogue, row: usize, column: usize,
     ) {
         let lanes = if FULL { V::LANES } else { self.columns };
         // SAFETY: the caller vouches for the instruction set, and for the rows and columns, which lie in A, B and C.
@@ -280,12 +275,7 @@ impl Product {
 /// writes of its transpose with the stride `to_stride`.
 #[inline(always)]
 pub(super) unsafe fn transpose<V: Vector>(
-    from: *const f32,
-    from_stride: usize,
-    rows: usize,
-    columns: usize,
-    to: *mut f32,
-    to_stride: usize,
+    from: *const f32, from_stride: usize, rows: usize, columns: usize, to: *mut f32, to_stride: usize,
 ) {
     let (whole_rows, whole_columns) = (rows - rows % V::BLOCK, columns - columns % V::BLOCK);
     for column in (0..whole_columns).step_by(V::BLOCK) {

@@ -71,10 +71,7 @@ pub fn layer_gradient<T: Float>(dy: &DMatrix<T>, x: &DMatrix<T>, gradient: &mut 
 /// Adam's loop over the parameters θ, their gradient g and their moments m and v. Returns whether every new θ is
 /// finite.
 pub fn adam<T: Float>(
-    coefficients: &AdamCoefficients<T>,
-    parameters: &mut [T],
-    gradient: &[T],
-    first_moment: &mut [T],
+    coefficients: &AdamCoefficients<T>, parameters: &mut [T], gradient: &[T], first_moment: &mut [T],
     second_moment: &mut [T],
 ) -> bool {
     let c = *coefficients;
