@@ -78,8 +78,7 @@ pub struct Settings {
     pub huber_delta: f64,
     #[serde(skip_serializing_if = "is_default")]
     pub optimizer: OptimizerName,
-    /// Of AdamW the share of α by which the weights shrink; of the others what is added to the gradient. The default is
-    /// AdamW's 0.01, else 0.
+    /// Of AdamW the share of α by which the weights shrink (default 0.01); else what is added to the gradient (0).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weight_decay: Option<f64>,
     #[serde(skip_serializing_if = "is_default")]
@@ -397,8 +396,7 @@ impl Remaining<'_> {
         }
     }
 
-    /// Whether the results are rounded to f32: by their type, or because every weight that they start from is one that
-    /// f32 holds, whatever its type in the file.
+    /// Whether the results are rounded to f32: by their type, or because f32 holds every weight that they start from.
     fn computed_in_f32(&self) -> bool {
         let is_weight = |name: &str| name.starts_with("online.") || name.starts_with("target.");
         let mut given = self.views.iter().filter(|(name, _)| is_weight(name) || name.starts_with("result."));
@@ -431,15 +429,17 @@ impl Remaining<'_> {
         let terminated = self.flags("batch.terminated", size)?;
         let truncated = self.optional("batch.truncated", |file, name| file.flags(name, size))?;
         let discounts = self.optional("batch.discounts", |file, name| file.floats(name, &[size]))?;
+        let discounts = discounts.unwrap_or_else(|| vec![gamma; size]);
         let weights = self.optional("batch.weights", |file, name| file.floats(name, &[size]))?;
+        let actions = actions.into_iter().map(|action| action as usize).collect();
         Ok(Batch {
             observations,
-            actions: actions.into_iter().map(|action| action as usize).collect(),
+            actions,
             rewards,
             next_observations,
             terminated,
             truncated,
-            discounts: discounts.unwrap_or_else(|| vec![gamma; size]),
+            discounts,
             weights,
         })
     }

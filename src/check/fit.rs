@@ -198,8 +198,7 @@ impl Search<'_> {
         }
     }
 
-    /// Whether the largest v so far, which the file does not have, would explain a step: every weight moves in Adam's direction,
-    /// and by no more.
+    /// Whether an unknown largest v would explain a step: every weight moves in Adam's direction, and by no more.
     pub(super) fn could_be_amsgrad(
         &self, base: &Hypothesis, ours: &[Number], theirs: &[f64],
     ) -> Option<String> {
@@ -226,8 +225,7 @@ impl Search<'_> {
         })
     }
 
-    /// Whether Q-values differ as those of a dueling head do whose mean is over the batch: by a number for each row and one for
-    /// each action, which sum to 0.
+    /// Whether Q-values differ as with a dueling mean over the batch: by a number per row and one per action, which sum to 0.
     pub(super) fn is_dueling_over_batch(&self, ours: &[Number], theirs: &[f64]) -> bool {
         let rows = self.update.batch.rewards.len();
         let columns = ours.len() / rows;

@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::activation::Activation;
 use super::file::EpsilonPlace;
 use super::variant::{
-    Clipping, Decay, Discount, Mask, NextValue, Optimizer, Penalty, Predicted, PredictedFrom, Queried,
-    Reached, Reduction, Reward, Variant,
+    Clipping, Decay, Discount, Mask, NextValue, Optimizer, Penalty, Predicted, QValues, Reached, Reduction,
+    Reward, Variant,
 };
 
 /// The quantities of an update, in the order in which they are computed.
@@ -154,9 +154,9 @@ pub const CHANGES: &[Change] = &[
     ("hidden_elu", Stage::Q, |v| v.activations.hidden = Activation::Elu),
     ("hidden_gelu", Stage::Q, |v| v.activations.hidden = Activation::Gelu),
     ("hidden_silu", Stage::Q, |v| v.activations.hidden = Activation::Silu),
-    ("q_of_target_network", Stage::Q, |v| if v.given.target { v.queried = Queried::Target }),
-    ("q_of_next_observations", Stage::Q, |v| v.queried = Queried::OfNext),
-    ("q_after_the_update", Stage::Q, |v| v.queried = Queried::After),
+    ("q_of_target_network", Stage::Q, |v| if v.given.target { v.queried = QValues::Target }),
+    ("q_of_next_observations", Stage::Q, |v| v.queried = QValues::Next),
+    ("q_after_the_update", Stage::Q, |v| v.queried = QValues::After),
     // y = r + γ (1 − d) max_a Q⁻(s′, a)
     ("terminal_bootstrapped", Stage::Targets, |v| v.mask = Mask::Nowhere),
     ("truncation_not_bootstrapped", Stage::Targets, |v| v.mask = Mask::TerminatedOrTruncated),
@@ -167,7 +167,7 @@ pub const CHANGES: &[Change] = &[
     ("double_left_out", Stage::Targets, |v| if v.bootstrap == NextValue::Double { v.bootstrap = NextValue::Max }),
     ("double_unasked", Stage::Targets, |v| if v.bootstrap == NextValue::Max { v.bootstrap = NextValue::Double }),
     ("current_observation", Stage::Targets, |v| v.from_current = true),
-    ("observations_exchanged", Stage::Targets, |v| (v.from_current, v.predicted_from) = (true, PredictedFrom::Next)),
+    ("observations_exchanged", Stage::Targets, |v| (v.from_current, v.predicted_from) = (true, QValues::Next)),
     ("next_value_of_taken_action", Stage::Targets, |v| v.bootstrap = NextValue::Taken),
     ("next_value_mean", Stage::Targets, |v| v.bootstrap = NextValue::Mean),
     ("next_value_minimum", Stage::Targets, |v| v.bootstrap = NextValue::Min),
@@ -200,8 +200,8 @@ pub const CHANGES: &[Change] = &[
     ("every_column", Stage::Loss, |v| v.predicted = Predicted::EveryColumn),
     ("every_column_by_row", Stage::Loss, |v| v.predicted = Predicted::EveryColumnByRow),
     ("sum_of_batch_predicted", Stage::Loss, |v| v.predicted = Predicted::SumOfBatch),
-    ("predicted_from_next", Stage::Loss, |v| v.predicted_from = PredictedFrom::Next),
-    ("predicted_by_target", Stage::Loss, |v| if v.given.target { v.predicted_from = PredictedFrom::Target }),
+    ("predicted_from_next", Stage::Loss, |v| v.predicted_from = QValues::Next),
+    ("predicted_by_target", Stage::Loss, |v| if v.given.target { v.predicted_from = QValues::Target }),
     ("absolute_error", Stage::Loss, |v| v.loss = Penalty::Absolute),
     ("every_pair", Stage::Loss, |v| v.predicted = Predicted::EveryPair),
     ("every_output", Stage::Loss, |v| v.predicted = Predicted::EveryOutput),

@@ -9,21 +9,11 @@ use crate::nn::Mlp;
 /// A forward pass: what each layer got, and what it gave before its activation.
 pub(super) struct Pass {
     inputs: Vec<Matrix>,
-    outputs: Vec<Matrix>,
-    q: Matrix,
+    /// (batch, units)
+    pub(super) outputs: Vec<Matrix>,
+    /// Q(s, ·)
+    pub(super) q: Matrix,
     activations: LayerKinds,
-}
-
-impl Pass {
-    /// Q(s, ·).
-    pub(crate) fn q(&self) -> &Matrix {
-        &self.q
-    }
-
-    /// What a layer gave before its activation, (batch, units).
-    pub(super) fn before_activation(&self, layer: usize) -> &DMatrix<f64> {
-        &self.outputs[layer].value
-    }
 }
 
 /// y = W x + b for every layer, with an activation between them and one behind the last.
@@ -31,8 +21,7 @@ pub(super) fn forward(
     network: &Mlp<f64>, observations: &DMatrix<f64>, activations: LayerKinds, unit: f64,
 ) -> Pass {
     let batch = observations.nrows();
-    let nothing = || Matrix::zeros(0, 0);
-    let mut pass = Pass { inputs: Vec::new(), outputs: Vec::new(), q: nothing(), activations };
+    let (mut all_inputs, mut all_outputs) = (Vec::new(), Vec::new());
     let mut x = Matrix { value: observations.clone(), variance: DMatrix::zeros(batch, observations.ncols()) };
     for index in 0..network.num_layers() {
         let (inputs, outputs) = (network.sizes()[index], network.sizes()[index + 1]);
@@ -47,14 +36,13 @@ pub(super) fn forward(
         y.variance = y.spread(growth);
         let is_last = index + 1 == network.num_layers();
         let activation = if is_last { activations.output } else { activations.hidden };
-        pass.inputs.push(std::mem::replace(&mut x, activation.of_all(&y, unit)));
-        pass.outputs.push(y);
+        all_inputs.push(std::mem::replace(&mut x, activation.of_all(&y, unit)));
+        all_outputs.push(y);
     }
-    Pass { q: x, ..pass }
+    Pass { inputs: all_inputs, outputs: all_outputs, q: x, activations }
 }
 
-/// Adds to `gradient`, in the order of [`Mlp::parameters`], the gradient by the parameters of the layers from `first`
-/// on; `dy` is the gradient by the network's output.
+/// Adds the gradient by the parameters of the layers from `first` on, in their order; `dy` is the one by the output.
 pub(super) fn backward(
     network: &Mlp<f64>, pass: &Pass, mut dy: Matrix, unit: f64, first: usize, gradient: &mut [Number],
 ) {

@@ -7,8 +7,8 @@ use super::file::{Batch, EpsilonPlace, Settings, Update};
 use super::pass::{Pass, backward, forward};
 use super::rounding::{Matrix, Number, square};
 use super::variant::{
-    Clipping, Decay, Discount, Mask, NextValue, Optimizer, Penalty, Predicted, PredictedFrom, Queried,
-    Reached, Reduction, Reward, Variant,
+    Clipping, Decay, Discount, Mask, NextValue, Optimizer, Penalty, Predicted, QValues, Reached, Reduction,
+    Reward, Variant,
 };
 use crate::agent::argmax;
 use crate::nn::Mlp;
@@ -31,8 +31,7 @@ struct Passes {
 /// What PyTorch adds to ‖g‖ before it divides by it.
 pub(crate) const NORM_MARGIN: f64 = 1e-6;
 
-/// The targets, and the next Q-values that each is made of: places (sample, action) whose mean is the value of s′, and
-/// what multiplies it.
+/// The targets; the next Q-values of each, places (sample, action) whose mean is the value of s′; and what multiplies it.
 pub struct Targets {
     /// y, (batch), or [batch, batch] row by row
     pub values: Vec<Number>,
@@ -78,47 +77,36 @@ impl<'a> Reference<'a> {
         if variant.from_current { &passes.current } else { &passes.next }
     }
 
-    /// Whose Q-values the loss compares with the targets.
-    fn predicted_pass(&self, variant: &Variant) -> &Pass {
+    /// The pass that gives these Q-values; of those after the update the one before it.
+    fn pass_of(&self, q: QValues, variant: &Variant) -> &Pass {
         let passes = self.passes(variant);
-        match variant.predicted_from {
-            PredictedFrom::Current => &passes.current,
-            PredictedFrom::Next => &passes.next,
-            PredictedFrom::Target => self.target_of_current(variant).unwrap_or(&passes.current),
+        match q {
+            QValues::Current | QValues::After => &passes.current,
+            QValues::Next => &passes.next,
+            QValues::Target => self.target_of_current(variant).unwrap_or(&passes.current),
         }
     }
 
     /// `result.q`
     pub fn q(&self, variant: &Variant) -> Vec<Number> {
         let Update { results, batch, rounding_unit, .. } = self.update;
-        let passes = self.passes(variant);
-        let after;
-        let pass = match variant.queried {
-            Queried::Online => &passes.current,
-            Queried::OfNext => &passes.next,
-            Queried::Target => self.target_of_current(variant).unwrap_or(&passes.current),
-            Queried::After => match &results.online {
-                Some(online) => {
-                    after = forward(online, &batch.observations, variant.activations, *rounding_unit);
-                    &after
-                }
-                None => &passes.current,
-            },
-        };
-        let q = pass.q();
+        let after = results.online.as_ref().filter(|_| variant.queried == QValues::After);
+        let pass = |online| forward(online, &batch.observations, variant.activations, *rounding_unit);
+        let after = after.map(pass);
+        let q = &after.as_ref().unwrap_or_else(|| self.pass_of(variant.queried, variant)).q;
         q.value.iter().zip(q.variance.iter()).map(|(&value, &variance)| Number { value, variance }).collect()
     }
 
     /// y = R + γᵏ max_a Q⁻(s′, a), and y = R where s′ is terminal.
     pub fn targets(&self, variant: &Variant) -> Targets {
         let batch = &self.update.batch;
-        let q_online = self.online_pass(variant).q();
+        let q_online = &self.online_pass(variant).q;
         let of_target = if variant.from_current {
             self.target_of_current(variant)
         } else {
             self.passes(variant).target_of_next.as_ref()
         };
-        let q_target = of_target.map_or(q_online, Pass::q);
+        let q_target = of_target.map_or(q_online, |pass| &pass.q);
         let q = if variant.from_online { q_online } else { q_target };
         let largest = (0..batch.rewards.len()).map(|row| (row, argmax(&q.value, row)));
         let largest = largest.reduce(|best, place| if q.value[place] > q.value[best] { place } else { best });
@@ -142,12 +130,12 @@ impl<'a> Reference<'a> {
             if let Some(chooser) = chooser {
                 next.may_be_off_by(choice_doubt(chooser, valued, sample));
             }
+            let mut slope = self.slope(variant, sample);
             if variant.bootstrap == NextValue::Index {
-                next = Number::exact(chosen[0].1 as f64);
+                (next, slope) = (Number::exact(chosen[0].1 as f64), 0.0);
             }
             nexts.push(next);
-            let has_slope = variant.bootstrap != NextValue::Index;
-            slopes.push(if has_slope { self.slope(variant, sample) } else { 0.0 });
+            slopes.push(slope);
             places.push(chosen);
         }
         let (size, is_square) = (nexts.len(), variant.square.is_some());
@@ -195,24 +183,24 @@ impl<'a> Reference<'a> {
     }
 
     fn is_masked(&self, variant: &Variant, sample: usize) -> bool {
-        let (terminated, truncated) =
-            (self.update.batch.terminated[sample], self.update.batch.is_truncated(sample));
+        let batch = &self.update.batch;
+        let terminated = batch.terminated[sample];
         match variant.mask {
             Mask::Terminated => terminated,
             Mask::Nowhere => false,
-            Mask::TerminatedOrTruncated => terminated || truncated,
+            Mask::TerminatedOrTruncated => terminated || batch.is_truncated(sample),
             Mask::NotTerminated => !terminated,
         }
     }
 
     /// L = 1/B Σ ℓ(Q(s, a) − y)
     pub fn loss(&self, variant: &Variant, targets: &Targets) -> LossOf {
-        let q = self.predicted_pass(variant).q();
+        let q = &self.pass_of(variant.predicted_from, variant).q;
         let (batch, outputs) = q.value.shape();
         let Update { rounding_unit: unit, batch: Batch { actions, weights, .. }, .. } = self.update;
         let weights = weights.as_ref().filter(|_| variant.is_weighted);
         let others = match variant.predicted {
-            Predicted::FullOfTarget => self.target_of_current(variant).map(Pass::q),
+            Predicted::FullOfTarget => self.target_of_current(variant).map(|pass| &pass.q),
             _ => None,
         };
         let count = match variant.predicted {
@@ -230,10 +218,8 @@ impl<'a> Reference<'a> {
         let mut value = Number::exact(0.0);
         let mut by_q = Matrix::zeros(batch, outputs);
         let mut by_target = vec![0.0; batch];
-        let total = (0..batch).fold(Number::exact(0.0), |mut total, sample| {
-            total += q.get(sample, actions[sample]);
-            total
-        });
+        let mut total = Number::exact(0.0);
+        (0..batch).for_each(|sample| total += q.get(sample, actions[sample]));
         self.compare(variant, q, targets.values.len(), |sample, output, of| {
             let is_sum = variant.predicted == Predicted::SumOfBatch;
             let predicted = if is_sum { total } else { q.get(sample, output) };
@@ -300,21 +286,20 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// ∂L/∂θ before anything is done to it, in the order of [`parameters`](crate::nn::Mlp::parameters): of the layers from
-    /// `first` on, 0 before them.
+    /// ∂L/∂θ before anything is done to it, in the order of the network's parameters: from layer `first` on, 0 before.
     pub fn raw_gradients(
         &self, variant: &Variant, targets: &Targets, loss: &LossOf, first: usize,
     ) -> Vec<Number> {
         let Update { online, rounding_unit: unit, .. } = self.update;
         let mut gradient = vec![Number::exact(0.0); online.parameters().len()];
         // Where the target network predicts, nothing of it reaches the online network.
-        if variant.predicted_from != PredictedFrom::Target {
-            let pass = self.predicted_pass(variant);
+        if variant.predicted_from != QValues::Target {
+            let pass = self.pass_of(variant.predicted_from, variant);
             backward(online, pass, loss.by_q.clone(), *unit, first, &mut gradient);
         }
         if variant.through_target {
             let pass = self.online_pass(variant);
-            let mut by_q = Matrix::zeros(pass.q().value.nrows(), pass.q().value.ncols());
+            let mut by_q = Matrix::zeros(pass.q.value.nrows(), pass.q.value.ncols());
             for (sample, places) in targets.places.iter().enumerate() {
                 let share = loss.by_target[sample] * targets.slopes[sample] / places.len() as f64;
                 for &(row, action) in places {

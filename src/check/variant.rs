@@ -12,8 +12,8 @@ pub struct Variant {
     /// Those of the update, but for what a mistake changes in them.
     pub settings: Settings,
     pub activations: LayerKinds,
-    /// Of which network, and of what, `result.q` is.
-    pub queried: Queried,
+    /// What `result.q` is.
+    pub queried: QValues,
 
     pub reward: Reward,
     pub discount: Discount,
@@ -30,7 +30,8 @@ pub struct Variant {
 
     pub loss: Penalty,
     pub predicted: Predicted,
-    pub predicted_from: PredictedFrom,
+    /// What is compared with the targets.
+    pub predicted_from: QValues,
     pub reduction: Reduction,
     pub is_halved: bool,
     /// Whether the losses are multiplied by the weights of the samples.
@@ -100,14 +101,6 @@ impl Default for Fitted {
             overwritten: 0.1,
         }
     }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Queried {
-    Online,
-    Target,
-    OfNext,
-    After,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -194,12 +187,13 @@ pub enum Predicted {
     SumOfBatch,
 }
 
-/// Whose Q-values are compared with the targets.
+/// Whose Q-values these are: Q(s, ·), Q(s′, ·) or Q⁻(s, ·), or Q(s, ·) after the update.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum PredictedFrom {
+pub enum QValues {
     Current,
     Next,
     Target,
+    After,
 }
 
 /// What the losses are divided by.
@@ -257,7 +251,7 @@ impl Variant {
         Self {
             settings,
             activations: LayerKinds::RIGHT,
-            queried: Queried::Online,
+            queried: QValues::Current,
             reward: Reward::Whole,
             discount: Discount::Own,
             mask: Mask::Terminated,
@@ -271,7 +265,7 @@ impl Variant {
                 Loss::Huber => Penalty::Huber(settings.huber_delta),
             },
             predicted: Predicted::Taken,
-            predicted_from: PredictedFrom::Current,
+            predicted_from: QValues::Current,
             reduction: Reduction::Mean,
             is_halved: false,
             is_weighted: batch.weights.is_some(),

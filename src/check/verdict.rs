@@ -11,12 +11,11 @@ use super::file::Update;
 use super::mistakes::{Mistake, Stage};
 use super::reference::{LossOf, NORM_MARGIN, Reference, Targets};
 use super::rounding::{Matrix, Number, SAFETY, agrees, short};
-use super::variant::{Clipping, Predicted, PredictedFrom, Variant};
+use super::variant::{Clipping, Predicted, QValues, Variant};
 
 /// Most explanations that are followed at once.
 const MAX_EXPLANATIONS: usize = 8;
-/// Most products that are spent on mistakes: a few seconds. It counts products and no seconds, so that the verdict does not
-/// depend on the machine.
+/// Most products that are spent on mistakes, a few seconds: no time is counted, so that every machine gives one verdict.
 const MAX_WORK: u64 = 20_000_000_000;
 /// Gradients that are kept because many candidates share them.
 const KEPT: usize = 3;
@@ -289,7 +288,7 @@ impl Search<'_> {
     /// Whether the gradient follows from ∂L/∂Q and the right network's pass.
     fn depends_on_q_alone(&self, variant: &Variant) -> bool {
         let is_right = variant.activations == self.right.activations;
-        is_right && variant.predicted_from == PredictedFrom::Current && !variant.through_target
+        is_right && variant.predicted_from == QValues::Current && !variant.through_target
     }
 
     fn known_gradients(&self, variant: &Variant, loss: &LossOf) -> Option<Arc<Vec<Number>>> {
@@ -338,8 +337,7 @@ impl Search<'_> {
         self.theirs(stage).is_none_or(|theirs| all_agree(&self.compute(hypothesis, stage), theirs))
     }
 
-    /// Whether a candidate gives their numbers, as far as the last layer tells, which rules out most of those that do not; or
-    /// else how many products it takes to compute all layers.
+    /// Whether a candidate gives their numbers, as far as the last layer tells; or else how many products all layers take.
     fn first_look(&self, hypothesis: &Hypothesis, stage: Stage) -> Result<bool, u64> {
         let Some(theirs) = self.theirs(stage) else { return Ok(true) };
         if stage < Stage::Gradients || self.taken_gradients(hypothesis, stage).is_some() {
@@ -370,8 +368,7 @@ impl Search<'_> {
         Err(if is_known { self.step_work() } else { self.gradient_work(variant) })
     }
 
-    /// Whether one factor of at most 1 could make theirs of ours. That the norm has an error too is allowed for with more
-    /// than it can be.
+    /// Whether one factor of at most 1 could make theirs of ours. The error of the norm is allowed for with more than it has.
     fn could_be_shortened(&self, ours: &[Number], theirs: &[f64]) -> bool {
         let parameters = self.update.online.parameters().len() as f64;
         let rounding = SAFETY * self.update.rounding_unit * parameters.sqrt();
@@ -426,12 +423,8 @@ impl Search<'_> {
 
     /// Spends work, if there is enough left.
     fn affords(&self, work: u64) -> bool {
-        let spent = self.work.load(Ordering::Relaxed).saturating_add(work);
-        let affords = spent <= MAX_WORK;
-        if affords {
-            self.work.store(spent, Ordering::Relaxed);
-        }
-        affords
+        let spend = |spent: u64| Some(spent.saturating_add(work)).filter(|spent| *spent <= MAX_WORK);
+        self.work.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spend).is_ok()
     }
 
     /// The candidates that give their numbers, in their order.

@@ -5,9 +5,8 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde::Serialize;
 
-use super::check_trace::{self, put, put_all, put_mistake};
+use super::check_trace::{self, Printed, put, put_all, put_mistake};
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::trace;
@@ -38,37 +37,29 @@ pub(super) struct CheckArguments {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct PrintedVerdict<'a> {
-    file: String,
-    settings: Settings,
-    #[serde(flatten)]
-    verdict: &'a Verdict,
-}
-
 pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     let is_standard = is_standard_input(&arguments.file);
-    let file = if is_standard { Path::new("standard input") } else { &arguments.file };
+    let path = if is_standard { Path::new("standard input") } else { &arguments.file };
     let read = match is_standard {
         true => {
             let mut bytes = Vec::new();
             let input = standard_input("cartpole-dqn check - < update.safetensors")?;
             read_rest(input, &mut bytes, trace::MAX_FILE_SIZE as u64).map(|()| bytes)
         }
-        false => read_limited(file, trace::MAX_FILE_SIZE as u64),
+        false => read_limited(path, trace::MAX_FILE_SIZE as u64),
     };
+    let file = shown(path);
     if let Some(bytes) = read.as_ref().ok().filter(|bytes| trace::is_trace(bytes)) {
         let judged = in_view(|show| trace::judge(bytes, show));
-        let judgement = judged.map_err(|problem| Failure::BadInput(format!("{}: {problem}", shown(file))))?;
-        return check_trace::show(&shown(file), &judgement, arguments.json);
+        let judgement = judged.map_err(|problem| Failure::BadInput(format!("{file}: {problem}")))?;
+        return check_trace::show(&file, &judgement, arguments.json);
     }
-    let update = Update::named(read, file).map_err(|error| Failure::BadInput(on_one_line(&error)))?;
+    let update = Update::named(read, path).map_err(|error| Failure::BadInput(on_one_line(&error)))?;
     let verdict = in_view(|show| check_with(&update, show));
     if arguments.json {
-        let (file, settings) = (shown(file), update.settings);
-        print_json(&PrintedVerdict { file, settings, verdict: &verdict })?;
+        print_json(&Printed { file: &file, settings: Some(update.settings), verdict: &verdict })?;
     } else {
-        print(&describe(&shown(file), &update, &verdict))?;
+        print(&describe(&file, &update, &verdict))?;
     }
     if verdict.equal { Ok(()) } else { Err(Failure::Failed(summary(&verdict))) }
 }

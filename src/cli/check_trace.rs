@@ -3,23 +3,26 @@
 use serde::Serialize;
 
 use super::ui::{Failure, print, print_json};
-use crate::check::Mistake;
 use crate::check::trace::Judgement;
+use crate::check::{Mistake, Settings};
 use crate::text::{COLUMNS, lines, visible};
 
 const INDENT: usize = 12;
 
+/// What `--json` prints.
 #[derive(Serialize)]
-struct Printed<'a> {
-    file: &'a str,
+pub(super) struct Printed<'a, V> {
+    pub file: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settings: Option<Settings>,
     #[serde(flatten)]
-    judgement: &'a Judgement,
+    pub verdict: &'a V,
 }
 
 /// Prints it. Fails if a mistake is named.
 pub(super) fn show(file: &str, judgement: &Judgement, is_json: bool) -> Result<(), Failure> {
     if is_json {
-        print_json(&Printed { file, judgement })?;
+        print_json(&Printed { file, settings: None, verdict: judgement })?;
     } else {
         print(&describe(file, judgement))?;
     }

@@ -189,8 +189,7 @@ fn missed(trace: &Trace, choices: &[Acted], judgement: &mut Judgement) {
     }
 }
 
-/// Whether the Q-values that were told are those of the observation: the weights of whole updates are those by which the agent
-/// acts just before and after.
+/// Whether the Q-values that were told are those of the observation, by the weights of whole updates just before and after.
 fn old_observations(trace: &Trace, judgement: &mut Judgement) {
     if trace.steps.q_values.width < 2 {
         return;
@@ -214,8 +213,7 @@ fn old_observations(trace: &Trace, judgement: &mut Judgement) {
     }
 }
 
-/// Steps after a whole update: whether their Q-values are those of their observation, and whether of the one before, by the
-/// network of now or of before the update.
+/// Steps after a whole update: whether their Q-values are of their observation, and of the one before, by its networks.
 fn compared(trace: &Trace, whole: &Whole) -> Vec<(bool, bool)> {
     let (steps, place) = (&trace.steps, |number: usize| trace.updates.step.get(number).copied());
     let (Some(update), Some(from), Some(until)) =
@@ -232,7 +230,7 @@ fn compared(trace: &Trace, whole: &Whole) -> Vec<(bool, bool)> {
         let observation = steps.observation.row(observation);
         let input = DMatrix::from_fn(1, observation.len(), |_, column| f64::from(observation[column]));
         let pass = forward(network, &input, LayerKinds::RIGHT, update.rounding_unit);
-        let (told, ours) = (steps.q_values.row(row), &pass.q().value);
+        let (told, ours) = (steps.q_values.row(row), &pass.q.value);
         let scale = ours.amax().max(1.0);
         told.iter().zip(ours.iter()).all(|(told, ours)| (f64::from(*told) - ours).abs() <= 1e-4 * scale)
     };

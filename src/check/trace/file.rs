@@ -118,7 +118,7 @@ pub(crate) struct Batches {
 }
 
 /// All tensors of one update, under the names of an update's file; but `result.q` is Q(s, ·) after the update.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Whole {
     pub number: usize,
     pub told: Told,
@@ -416,12 +416,7 @@ impl Columns<'_> {
             else {
                 continue;
             };
-            let new = || Whole {
-                number,
-                told: told(number),
-                tensors: BTreeMap::new(),
-                without_optimizer: OnceCell::new(),
-            };
+            let new = || Whole { number, told: told(number), ..Whole::default() };
             let tensor = (view.dtype(), view.shape().to_vec(), view.data().to_vec());
             updates.entry(number).or_insert_with(new).tensors.insert(name.to_owned(), tensor);
         }

@@ -54,8 +54,7 @@ fn bits(row: &[f32]) -> Vec<u32> {
     row.iter().map(|value| value.to_bits()).collect()
 }
 
-/// The origin of each row of the minibatches; none if steps and minibatches have observations of other sizes, or too many of
-/// the observations are the same.
+/// The origin of each row of the minibatches; none if the sizes of observations differ, or too many of them are the same.
 pub(super) fn origins(trace: &Trace) -> Vec<RowOrigin> {
     let (steps, batches) = (&trace.steps, &trace.batches);
     let count = steps.action.len();

@@ -214,7 +214,7 @@ fn dead(updates: &[(&Whole, &Update)], judgement: &mut Judgement) {
     let pass = forward(&update.online, &update.batch.observations, LayerKinds::RIGHT, update.rounding_unit);
     let (mut all, mut silent) = (0, 0);
     for layer in 1..update.online.num_layers() {
-        let outputs = pass.before_activation(layer - 1);
+        let outputs = &pass.outputs[layer - 1].value;
         let (rows, units) = outputs.shape();
         let dead = outputs.column_iter().filter(|unit| unit.iter().all(|value| *value <= 0.0)).count();
         if dead == units {
@@ -256,8 +256,7 @@ fn first_steps(updates: &[(&Whole, &Update)], judgement: &mut Judgement) {
 }
 
 /// An update under the settings that were told, with the target network of before it and of after it: a soft update may come
-/// before or after the targets are computed. What was not told is as it makes targets and loss equal, if it can; then only what
-/// is equal is given.
+/// before or after the targets. What was not told is as it makes targets and loss equal; then only what is equal is given.
 fn as_told(whole: &Whole, activations: LayerKinds) -> Vec<Update> {
     let told = &whole.told;
     let remembers = |update: &Update| update.adam.steps > 0 || told.has("optimizer");
