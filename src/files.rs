@@ -37,8 +37,7 @@ pub fn write_whole<E: From<io::Error>>(
 
 impl Directory {
     /// As [`write_whole`], below this directory and through no link. If there is a path `kept`, in the same directory, the
-    /// existing file survives under that name and replaces what had it. At any moment at least one of the two is there and
-    /// complete.
+    /// existing file survives under that name and replaces what had it: at any moment at least one of the two is complete.
     ///
     /// # Errors
     /// See [`write_whole`]; and where the file is a link or reached through one.
@@ -143,8 +142,7 @@ fn own_unfinished() -> MutexGuard<'static, Vec<(Directory, PathBuf)>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes every file that this process has not finished. No new one is made while the result lives, and no thread gets
-/// past the end of a write: the process is about to end.
+/// Removes every file that this process has not finished. While the result lives none is made or finished: the process ends.
 pub(crate) fn remove_own_unfinished() -> impl Drop {
     let files = own_unfinished();
     files.iter().for_each(|(directory, path)| drop(directory.remove_file(path)));
@@ -216,8 +214,7 @@ pub(crate) fn open_ordinary(path: &Path) -> io::Result<File> {
     if fs::metadata(path)?.is_file() { File::open(path) } else { Err(os::not_ordinary()) }
 }
 
-/// As [`open_ordinary`]. Another process may only read the file as long as the result lives; the error is
-/// [`io::ErrorKind::WouldBlock`] where another one writes it.
+/// As [`open_ordinary`]. Others may only read the file as long as the result lives; [`io::ErrorKind::WouldBlock`] if one writes.
 pub(crate) fn open_shared(path: &Path) -> io::Result<File> {
     if fs::metadata(path)?.is_file() { os::directory::open_shared(path) } else { Err(os::not_ordinary()) }
 }

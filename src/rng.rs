@@ -34,8 +34,7 @@ impl Rng {
         [state as u64, (state >> 64) as u64, increment as u64, (increment >> 64) as u64]
     }
 
-    /// The inverse of [`Self::to_words`]. None for an even increment, with which the period would be shorter, down to 1: a
-    /// draw that is repeated until it fits would hang.
+    /// The inverse of [`Self::to_words`]. None for an even increment: with a short period a repeated draw could hang.
     pub(crate) fn from_words(words: [u64; 4]) -> Option<Self> {
         let [state_low, state_high, increment_low, increment_high] = words;
         let (state, increment) = (join(state_high, state_low), join(increment_high, increment_low));
@@ -81,8 +80,7 @@ impl Rng {
         low + (high - low) * self.unit()
     }
 
-    /// A uniform integer in `0..bound`, without bias (Lemire 2019, "Fast random integer generation in an
-    /// interval"). `bound` must not be 0.
+    /// A uniform integer in `0..bound`, not 0, without bias (Lemire 2019, "Fast random integer generation in an interval").
     pub fn below(&mut self, bound: u64) -> u64 {
         debug_assert!(bound > 0);
         let mut product = u128::from(self.next_u64()) * u128::from(bound);

@@ -19,8 +19,7 @@ pub(crate) fn header_of(file: &[u8]) -> &[u8] {
     &rest[..rest.len().min(length)]
 }
 
-/// Refuses a file with more tensors than any policy, checkpoint or update has, by its header: to take them apart would take
-/// long.
+/// Refuses by its header a file with more tensors than any policy, checkpoint or update: to read them would take long.
 pub(crate) fn check_count(header: &[u8]) -> Result<(), String> {
     const FIELD: &[u8] = b"\"data_offsets\"";
     // Each tensor has the field once.
@@ -159,8 +158,7 @@ impl Tensors {
         self.0.get(name).ok_or_else(|| TensorError::Missing(name.to_owned()))
     }
 
-    /// Adds a network as `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, …: the names that a
-    /// `torch.nn.Sequential` of Linear and ReLU gives them.
+    /// Adds a network as `{prefix}0.weight` [out, in], `{prefix}0.bias`, `{prefix}2.weight`, …: as `torch.nn.Sequential` does.
     pub(crate) fn put_network(&mut self, prefix: &str, network: &Mlp<f32>) {
         for (index, sizes) in network.sizes().windows(2).enumerate() {
             let (weight, bias) = torch_layer(network, index);

@@ -46,8 +46,7 @@ pub(crate) fn excerpt(text: &str, length: usize) -> String {
     visible(start) + if start.len() < text.len() { "…" } else { "" }
 }
 
-/// A word as it can be typed into a shell, in one line. A word with characters that nobody sees is written as `$'…'`, which
-/// bash, zsh and ksh know, and these characters as their bytes.
+/// A word as it can be typed into a shell, in one line. With unseen characters it is `$'…'`, as bash, zsh and ksh know it.
 pub(crate) fn shell_word(word: &str) -> String {
     let is_unseen = |c: char| steers(c) || c.width() == Some(0);
     let is_plain = |c: char| c.is_alphanumeric() || ":._-+=,".contains(c) || is_separator(c);
@@ -196,8 +195,7 @@ pub(crate) fn wrapped(text: &str, indent: usize) -> String {
     format!("{}{}\n", &text[..own], lines.join(&format!("\n{}", " ".repeat(margin))))
 }
 
-/// Rows below a heading, no line wider than [`COLUMNS`]: the second column holds names, which are shortened as far as
-/// that takes; the other columns are aligned to the right.
+/// Rows below a heading, within [`COLUMNS`]: the second column, names, is shortened; the others are aligned to the right.
 pub(crate) fn table(rows: &[Vec<String>]) -> String {
     const NAMES: usize = 1;
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);

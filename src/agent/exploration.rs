@@ -3,8 +3,7 @@
 use crate::rng::Rng;
 use crate::tensors::{TensorError, Tensors};
 
-/// The schedule of ε, the probability of a random action. Every schedule counts from the start of the run, in
-/// absolute steps or episodes, never relative to the budget.
+/// The schedule of ε, the probability of a random action. It counts absolute steps or episodes, whatever the budget.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "schedule", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Exploration {

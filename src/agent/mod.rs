@@ -82,8 +82,7 @@ pub trait Agent: Any + Send {
 
     fn observe(&mut self, transition: Transition<'_>);
 
-    /// Learns if that is due after environment step `env_steps`, follows the schedules that count steps, and returns the
-    /// mean loss if it has learned.
+    /// Learns if due after step `env_steps`, and follows the schedules of steps. Returns the mean loss if it has learned.
     fn learn_if_due(&mut self, env_steps: u64) -> Result<Option<f32>, NotFinite>;
 
     /// Follows the schedules that count episodes, after episode `episode`, counted from 0.
@@ -92,8 +91,7 @@ pub trait Agent: Any + Send {
     /// What is evaluated and saved: the greedy policy, for observations as the environment gives them.
     fn policy(&self) -> Policy;
 
-    /// Begins with this policy instead of what was drawn. False if the policy has another shape, or a number leaves the
-    /// finite under the agent's settings.
+    /// Begins with this policy. False if it has another shape, or a number leaves the finite under the agent's settings.
     #[must_use]
     fn start_from(&mut self, policy: &Policy) -> bool;
 
@@ -101,8 +99,7 @@ pub trait Agent: Any + Send {
 
     fn counters(&self) -> Counters;
 
-    /// What learning looks like from inside, each number under a name of [`STATISTICS`]; none before anything was
-    /// observed. `played` are the episodes of the latest evaluation.
+    /// Numbers of [`STATISTICS`]; none before anything was observed. `played` are the episodes of the latest evaluation.
     fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers>;
 
     /// SHA-256 in lower-case hexadecimal over what has been learned.
@@ -111,8 +108,7 @@ pub trait Agent: Any + Send {
     /// Adds everything that a resumed run needs.
     fn save(&self, tensors: &mut Tensors);
 
-    /// The inverse of [`Self::save`], after `env_steps` environment steps. Schedules are those of the agent, not those of
-    /// the agent that was saved.
+    /// The inverse of [`Self::save`], after `env_steps` environment steps. Schedules are the agent's, not those saved.
     fn load(&mut self, tensors: &Tensors, env_steps: u64) -> Result<(), TensorError>;
 }
 

@@ -85,8 +85,7 @@ impl Policy {
 pub trait Actor {
     fn act(&mut self, observation: &[f32]) -> usize;
 
-    /// The estimated returns of all actions in the observation last acted on, in units of the environment's rewards;
-    /// empty if the actor has none.
+    /// Estimated returns of all actions in the last observation, in the environment's units; empty if the actor has none.
     fn q_values(&self) -> Vec<f32>;
 }
 

@@ -3,8 +3,7 @@
 
 use crate::nn::{Activations, Mlp, NetworkConfig};
 
-/// Q(s, ·) for observations whose coordinates were divided. Its head is the linear output layer of the network, with one
-/// Q-value for each action.
+/// Q(s, ·) for observations whose coordinates were divided. The output layer is linear, with one Q-value for each action.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QNetwork {
     pub mlp: Mlp<f32>,
@@ -47,16 +46,14 @@ impl QNetwork {
         self.mlp.move_towards(&other.mlp, tau as f32);
     }
 
-    /// The network for observations as the environment gives them: the divisors are folded into the first layer,
-    /// W x / d = (W / d) x.
+    /// The network for undivided observations: the divisors are folded into the first layer, W x / d = (W / d) x.
     pub(super) fn as_policy(&self) -> Mlp<f32> {
         let mut policy = self.mlp.clone();
         self.each_input(&mut policy, |weight, divisor| *weight /= divisor);
         policy
     }
 
-    /// The inverse of [`Self::as_policy`], with the divisors of `like`. None if the policy has another shape than `like`, or if a
-    /// weight leaves the finite.
+    /// The inverse of [`Self::as_policy`], with the divisors of `like`. None if the shape differs or a weight is not finite.
     pub(super) fn from_policy(policy: &Mlp<f32>, like: &Self) -> Option<Self> {
         let mut network = like.clone();
         network.mlp.clone_from(policy);

@@ -29,8 +29,7 @@ impl QTable {
         Self { edges, num_actions, values: vec![initial; size], visits: vec![0; size] }
     }
 
-    /// One step of Q-learning (Watkins 1989; Sutton and Barto 2018, equation 6.8). Returns the TD error, which is the
-    /// bracket:
+    /// One step of Q-learning (Watkins 1989; Sutton and Barto 2018, equation 6.8). Returns the TD error, the bracket:
     ///
     /// ```text
     /// Q(s, a) ← Q(s, a) + α [r + γ max Q(s′, ·) − Q(s, a)]
@@ -135,8 +134,7 @@ impl QTable {
         if is_finite { Ok(()) } else { Err(TensorError::NotFinite(name.into())) }
     }
 
-    /// The table in the tensors without a prefix, whoever wrote them, for a task with these sizes. Without visits it counts
-    /// as never updated.
+    /// The table in the tensors without a prefix, for a task with these sizes. Without visits it counts as never updated.
     pub fn from_tensors(tensors: &Tensors, inputs: usize, outputs: usize) -> Result<Self, TensorError> {
         let shape = tensors.shape(VALUES)?.to_vec();
         let Some((&num_actions, bins)) = shape.split_last().filter(|_| !shape.contains(&0)) else {

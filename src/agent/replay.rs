@@ -128,8 +128,7 @@ pub struct ReplayContents {
     pub rewards: Vec<f32>,
     /// (n): 0 the episode continues, 1 it was truncated, 2 it terminated.
     pub ends: Vec<u8>,
-    /// The next observations of those that ended an episode, and of the newest; every other next observation is
-    /// the observation of the following transition.
+    /// The next observations of those that ended an episode, and of the newest; the others are the following observations.
     pub next_observations: Vec<f32>,
 }
 
@@ -234,9 +233,8 @@ impl Replay {
         }
     }
 
-    /// Makes room for one more final observation. It reuses the space of forgotten ones once they are a sixteenth of all,
-    /// and otherwise grows by a sixteenth. Doubling, as `Vec` does, would cost more than 24 bytes per transition when
-    /// episodes are short.
+    /// Makes room for one more final observation: in the space of forgotten ones once they are a sixteenth of all, or else by
+    /// growing by a sixteenth. Doubling would cost more than 24 bytes per transition when episodes are short.
     fn make_room_for_a_final(&mut self) {
         let sixteenth = self.final_slots.len() / 16;
         if self.final_slots.len() < self.final_slots.capacity() {
@@ -272,9 +270,8 @@ impl Replay {
 
     /// Copies the windows that start with the transitions of these ages into a minibatch of as many.
     ///
-    /// A window is `n_step` transitions (Sutton 1988; Mnih et al. 2016), or fewer where the episode or the memory
-    /// ends: then it bootstraps from where it ends. Powers and sums are rounded after every multiplication and
-    /// addition, from the first transition to the last.
+    /// A window is `n_step` transitions (Sutton 1988; Mnih et al. 2016), or fewer where episode or memory ends: it bootstraps
+    /// from there. Powers and sums are rounded after every multiplication and addition, from the first transition on.
     pub fn gather(&self, ages: &[usize], n_step: usize, gamma: f32, minibatch: &mut Minibatch) {
         let batch = ages.len();
         let observations = minibatch.observations.as_mut_slice();

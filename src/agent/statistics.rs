@@ -119,8 +119,7 @@ pub(super) fn network_statistics(
     ])
 }
 
-/// What every table of Q-values has, as an agent stores it or a network computes it: the values of the ordinary and the doomed
-/// probes, (batch, actions), for rewards times `scale`.
+/// What all tables of Q-values have: those of ordinary and doomed probes, (batch, actions), for rewards times `scale`.
 pub(super) fn value_statistics(
     ordinary: &DMatrix<f32>, doomed: &DMatrix<f32>, scale: f64, played: &[Played],
 ) -> [(&'static str, f64); 4] {

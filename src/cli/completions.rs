@@ -46,8 +46,7 @@ pub(super) struct Words {
     words: Vec<std::ffi::OsString>,
 }
 
-/// A line for each candidate: the word, a tab, what it means. The line `:files` or `:directories` asks the shell for
-/// paths, because it knows how to quote them.
+/// A line for each candidate: the word, a tab, what it means. `:files` and `:directories` ask the shell, which quotes paths.
 pub(super) fn run_words(arguments: &Words, mut root: Command) -> Result<(), Failure> {
     let words: Vec<_> = arguments.words.iter().map(|word| word.to_string_lossy()).collect();
     let words: Vec<&str> = words.iter().map(AsRef::as_ref).collect();

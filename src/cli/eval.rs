@@ -229,8 +229,7 @@ impl<'a> Task<'a> {
         Ok(Self { arguments, make: environment.make(), spec, max_steps })
     }
 
-    /// Whether the episodes solve the task; none for fewer than 100 of them, for episodes that were cut off before the task's own
-    /// limit, and for a task without a threshold.
+    /// Whether the episodes solve the task; none for fewer than 100, for a limit below the task's own, and without a threshold.
     fn is_solved_by(&self, played: &[Played]) -> Option<bool> {
         let can_tell = played.len() >= 100 && self.max_steps >= self.spec.max_steps;
         let scored: Vec<f64> = played.iter().map(|episode| episode.total).collect();

@@ -24,8 +24,7 @@ pub(super) struct Layers {
     stop_when_solved: bool,
 }
 
-/// The name of a config in messages, and its text. A name without a path is first that of a config that comes with the program;
-/// `-` is standard input.
+/// The name of a config in messages, and its text. A name without a path is first a shipped config's; `-` is standard input.
 pub(super) fn read_config(path: &Path) -> Result<(String, String), Failure> {
     if let Some(Ok((name, text))) = path.to_str().map(config::shipped) {
         return Ok((name.into(), text.into()));

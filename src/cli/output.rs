@@ -58,8 +58,7 @@ impl Output<'_> {
         Err(Failure::BadInput(self.message(&problem)))
     }
 
-    /// Writes the output. A reader of standard output that has gone away (`| head`) is no failure: the result is then
-    /// false, and there is no use in going on.
+    /// Writes the output. False if the reader of standard output has gone away (`| head`), which is no failure.
     pub(super) fn write<E: From<io::Error> + Into<WriteError>>(
         &self, write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<bool, Failure> {

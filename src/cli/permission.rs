@@ -38,8 +38,7 @@ pub(super) fn allowance(config: &Config) -> &'static str {
     if config.environment.command().is_some() { " --allow-command" } else { "" }
 }
 
-/// Allows an environment that the user has given to start its program, if it has one. A full-screen view leaves no place for
-/// what the program writes.
+/// Allows an environment that the user has given to start its program. A full-screen view hides what the program writes.
 pub(super) fn allow(environment: &mut EnvironmentConfig, has_view: bool) {
     environment.allow(if has_view { |_, _| false } else { show_line });
 }

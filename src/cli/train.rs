@@ -76,8 +76,7 @@ pub(super) fn run(arguments: TrainArguments) -> Result<(), Failure> {
         }
         None => Resumed::Run(Box::new(start_new(&arguments)?)),
     };
-    // Before that a signal ends the process at once: it may wait for its standard input or a silent program, and nothing is
-    // trained yet.
+    // Before that a signal ends the process at once: it may wait for its input or a silent program, and nothing is trained.
     let signals = Signals::listen(arguments.live);
     let Started { dir: run, config, mut trainer, recorder, notes } = match started {
         Resumed::Run(started) => *started,

@@ -19,8 +19,7 @@ pub(super) enum Failure {
     BadInput(String),
     /// It was tried and failed: exit code 1.
     Failed(String),
-    /// Something around it failed, such as an environment or a disk: exit code 1, or that of the signal which may be the
-    /// reason, because it went to a whole group of processes.
+    /// Something around it failed, an environment or a disk: exit code 1, or that of a signal to the whole group of processes.
     Disturbed(String),
     /// A signal stopped it: that signal's exit code.
     Interrupted(String, u8),
@@ -113,8 +112,7 @@ impl From<NoView> for Failure {
     }
 }
 
-/// A text with its control characters, line breaks and tabs apart, written as in JSON: what stands in the name of somebody's
-/// file must not move the cursor or change the terminal.
+/// A text with its control characters, line breaks and tabs apart, written as in JSON: no name may change the terminal.
 pub(super) fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {

@@ -96,8 +96,7 @@ pub(super) fn keys_in(prefix: &str) -> String {
     keys.join(", ")
 }
 
-/// The key or the word of another program that a misspelled key is most like; where no group was typed, the name that some
-/// keys have in theirs.
+/// The key or alias that a misspelled key is most like; where no group was typed, the name that some keys have in theirs.
 fn nearest(key: &str) -> Option<&'static str> {
     let like = strsim::normalized_damerau_levenshtein;
     let likeness = |path: &'static str| match key.contains('.') {

@@ -141,8 +141,7 @@ pub(super) fn program_defaults() -> Map<String, Value> {
     object(json!({"processes": 1, "timeout_seconds": 60}))
 }
 
-/// Merges the environment. A layer with a name or with a command begins afresh; the other keys of a program change one that
-/// a lower layer names.
+/// Merges the environment. A name or a command begins afresh; the other keys of a program change that of a lower layer.
 pub(super) fn merged(default: &EnvironmentConfig, layers: &[Layer]) -> Result<Value, ConfigError> {
     let mut value = json!(default);
     for Layer { origin, values } in layers {

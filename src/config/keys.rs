@@ -100,8 +100,7 @@ pub(super) fn find(path: &str) -> Option<&'static Key> {
     KEYS.iter().find(|key| key.path == path)
 }
 
-/// A key that earlier versions had: the one value with which a config that they recorded still means the same, and what to do
-/// about any other value.
+/// A key of earlier versions, the one value with which a recorded config still means the same, and what to do about others.
 pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
     "network.symmetric",
     false,
@@ -111,9 +110,8 @@ pub(super) const REMOVED: &[(&str, bool, &str)] = &[(
 /// The members of an alternative, with their defaults.
 pub(super) type Choice = Map<String, Value>;
 
-/// The groups that hold one of several alternatives, each alternative with its defaults. The first alternative of a group
-/// is the group's default. An alternative without keys is null. Alternatives of the same name (their string) differ by
-/// their keys.
+/// The groups that hold one of several alternatives, each with its defaults, the group's default first. An alternative
+/// without keys is null. Alternatives of the same name (their string) differ by their keys.
 pub(super) fn alternatives() -> [(&'static str, Vec<Choice>); 4] {
     let default = Config::default();
     let per_episode = Exploration::PerEpisode { initial: 1.0, final_: 0.01, decay: 0.995, repeat: 1 };

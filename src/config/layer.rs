@@ -124,9 +124,8 @@ impl Layer {
     }
 }
 
-/// Merges one group. The last layer that names an alternative, sets the group to null, or sets a key that only one
-/// alternative has, decides. Keys that both alternatives have are kept from lower layers. The other keys of lower layers
-/// are dropped.
+/// Merges one group. The last layer that names an alternative, sets null, or sets a key of only one alternative decides.
+/// Keys that both alternatives have are kept from lower layers; the other keys of lower layers are dropped.
 pub(super) fn choose(group: &str, alternatives: &[Choice], layers: &[Layer]) -> Result<Value, ConfigError> {
     let mut chosen = &alternatives[0];
     let mut values = Map::new();

@@ -52,8 +52,7 @@ const DQN: &str = "dqn";
 const Q_TABLE: &str = "q_table";
 const AGENTS: &[&str] = &[DQN, Q_TABLE];
 
-/// A rule between several keys, or between a key and the task: whether it holds, and the key with its value and what is allowed if
-/// it does not.
+/// A rule between keys, or a key and the task: whether it holds; the key, its value and what is allowed if it does not.
 type Rule = (bool, &'static str, Value, String);
 
 /// What an agent adds to the rules of a config.
@@ -207,8 +206,7 @@ impl Config {
         Ok(config)
     }
 
-    /// Asks a program that is the environment what its task is, and checks the config against the answer. The config keeps the
-    /// answer. An environment of this crate needs no question.
+    /// Asks a program for its task, checks the config against it and keeps it. An environment of this crate needs no question.
     pub(crate) fn ask_task(&mut self) -> Result<(), ConfigError> {
         self.environment.ask()?;
         self.check(&excerpt(&self.environment.command().unwrap_or_default(), 200))

@@ -8,8 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::os::{directory as system, not_ordinary};
 use system::Handle;
 
-/// A directory of the user's choice: links on the way to it are followed. It is held open, so that it stays the same one
-/// whatever takes its name meanwhile.
+/// A directory of the user's choice, reached through links too. It is held open, and so stays the same one.
 #[derive(Clone, Debug)]
 pub struct Directory {
     path: PathBuf,
@@ -38,8 +37,7 @@ impl Directory {
         Ok(parent)
     }
 
-    /// The error of something that was tried with what has the name of `path` in this directory: if that is a link, that
-    /// is the reason.
+    /// The error of something that was tried with `path` in this directory: if that is a link, that is the reason.
     fn explained(&self, path: &Path, error: io::Error) -> io::Error {
         if system::is_link(&self.handle, path) { is_a_link(path) } else { error }
     }
@@ -106,8 +104,7 @@ impl Directory {
         system::sync(&parent.handle)
     }
 
-    /// Whether an open file is still the one at that path: another process may have removed or replaced it before this one
-    /// had locked it.
+    /// Whether an open file is still the one at that path: before this process had locked it, another may have replaced it.
     pub(crate) fn is_at(&self, file: &File, path: &Path) -> bool {
         self.parent_of(path).is_ok_and(|parent| system::is_at(&parent.handle, file, path))
     }

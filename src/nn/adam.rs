@@ -48,8 +48,7 @@ impl<T: Kernels> Adam<T> {
     }
 }
 
-/// `base` to the power of `exponent` by repeated squaring. This takes only multiplications, which every platform rounds
-/// alike. Platforms round `powi` differently.
+/// `base` to the power of `exponent` by repeated squaring: multiplications, which all platforms round alike, unlike `powi`.
 fn power(base: f64, exponent: u64) -> f64 {
     let (mut result, mut square, mut rest) = (1.0, base, exponent);
     while rest > 0 {

@@ -16,8 +16,7 @@ pub struct OptimizerConfig {
     pub schedule: Option<LearningRateSchedule>,
 }
 
-/// From `learning_rate` in a straight line to `final_learning_rate` over `steps` environment steps from the start of
-/// the run, then constant.
+/// A straight line from `learning_rate` to `final_learning_rate` over the run's first `steps` steps, then constant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearningRateSchedule {

@@ -148,8 +148,7 @@ pub(crate) mod signals {
         mask.map_or_else(|| survives_hangup(Command::new("/bin/sh")), |mask| mask & 1 == 1)
     }
 
-    /// Whether a shell outlives a SIGHUP that it sends to itself: what a process ignores, its child ignores too. macOS has no
-    /// `/proc`, and no safe code asks `sigaction`.
+    /// Whether a shell outlives its own SIGHUP: it ignores what we ignore. macOS has no `/proc`, no safe code asks `sigaction`.
     pub(super) fn survives_hangup(mut shell: Command) -> bool {
         shell.args(["-c", "kill -s HUP $$"]).status().is_ok_and(|status| status.success())
     }

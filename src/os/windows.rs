@@ -5,8 +5,7 @@ pub(crate) fn cpu_seconds() -> Option<f64> {
     None
 }
 
-/// A lock of Windows keeps others from reading, so that nobody could look at a run that is training. So whoever opens a file
-/// says instead what others may do with it meanwhile.
+/// A lock of Windows keeps others from reading a run that is training. So who opens a file says what others may do with it.
 #[cfg(feature = "files")]
 pub(crate) mod directory {
     use std::fs::{File, OpenOptions};
@@ -73,8 +72,7 @@ pub(crate) mod directory {
         Ok(())
     }
 
-    /// Opens a file that another process may only read as long as the result lives. The error is
-    /// [`io::ErrorKind::WouldBlock`] where another one writes it.
+    /// Opens a file that others may only read while the result lives; [`io::ErrorKind::WouldBlock`] where one writes it.
     pub(crate) fn open_shared(path: &Path) -> io::Result<File> {
         unless_in_use(options().read(true).open(path))
     }

@@ -244,8 +244,7 @@ fn moved_first(statistics: &StatisticSeries, start: u64, end: u64) -> Vec<Moved>
     moved.into_iter().filter(|moved| Some(moved.env_steps) == earliest).collect()
 }
 
-/// The first sample in [start, end] that is further than [`MOVED`] standard deviations from the mean of the
-/// [`BASELINE`] samples before it.
+/// The first sample in [start, end] further than [`MOVED`] standard deviations from the mean of the [`BASELINE`] before it.
 fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Option<Moved> {
     let (least, most) = (*BASELINE.start(), *BASELINE.end());
     (least..samples.len()).find_map(|i| {

@@ -15,8 +15,7 @@ pub(crate) const LEAST_SEEDS: usize = 10;
 /// 0.975 quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// Most seeds with which a bootstrap draws seed by seed; with more it draws group by group, as a million seeds would
-/// be 2,000 million draws for every number of a report.
+/// Most seeds that a bootstrap draws one by one; more it draws in groups: a million would be 2,000 million draws a number.
 pub(crate) const EXACT_SEEDS: usize = 10_000;
 /// No group of a sample is wider than this share of the sample's range.
 const WIDTHS: f64 = 1024.0;
@@ -42,8 +41,7 @@ impl Estimate {
         self.low.zip(self.high)
     }
 
-    /// A statistic of a sample with its percentile bootstrap interval; above
-    /// [`EXACT_SEEDS`] seeds with one of groups.
+    /// A statistic of a sample with its percentile bootstrap interval, of groups above [`EXACT_SEEDS`] seeds.
     pub fn of(sample: &Sample, statistic: impl Fn(&Sample) -> f64) -> Self {
         Self::exact(&sample.grouped(), &statistic).moved_to(statistic(sample))
     }

@@ -10,8 +10,7 @@ use crate::agent::Policy;
 use crate::files::{Directory, check_size, open_ordinary, read_limited, read_rest};
 use crate::tensors::{TensorError, Tensors, check_count, foreign_format, header_of, sha256};
 
-/// The version of the layout, the only one that this program reads. It is raised whenever an old reader would misread a
-/// new file.
+/// The version of the layout that this program reads. Raised whenever an old reader would misread a new file.
 pub const FORMAT_VERSION: u32 = 3;
 /// The one key of the metadata, so that its bytes cannot depend on an order of keys; the value is JSON.
 const METADATA_KEY: &str = "cartpole-dqn";
@@ -87,8 +86,7 @@ impl Checkpoint {
         Ok(Self { tensors: Tensors::default(), metadata: Some(serde_json::to_string(&sealed)?) })
     }
 
-    /// Reads a file whole. A file that cannot be one is refused by its size and its header: of what follows them nothing
-    /// is read.
+    /// Reads a file whole. One that cannot be a checkpoint is refused by its size and header, and not read any further.
     pub fn read(path: &Path) -> Result<Self, CheckpointError> {
         Self::read_unnamed(path).map_err(|problem| CheckpointError { path: path.to_owned(), problem })
     }
@@ -137,8 +135,7 @@ impl Checkpoint {
         Ok(bytes)
     }
 
-    /// Writes a file whole, below a directory and through no link. The file that was there before stays under the name
-    /// `kept`.
+    /// Writes a file whole, below a directory and through no link. The file from before stays under the name `kept`.
     pub(crate) fn write_in(&self, directory: &Directory, path: &Path, kept: Option<&Path>) -> io::Result<()> {
         let bytes = self.to_bytes()?;
         directory.write_whole(path, kept, |file| file.write_all(&bytes))
@@ -196,8 +193,7 @@ fn check_header(path: &Path) -> Result<(), CheckpointProblem> {
     }
 }
 
-/// Whether a file is as it was written, as far as its header says. Its SHA-256 stands where its digits occur first in the header:
-/// other programs may seal a file with other spaces.
+/// Whether a file is as it was written. Its SHA-256 is where its digits first occur in the header: others may put more spaces.
 fn is_sealed(bytes: &[u8], header_length: usize, header: &str) -> bool {
     let Ok(found) = serde_json::from_str::<Seal>(header) else { return true };
     let Some(sha256) = found.sha256 else { return false };

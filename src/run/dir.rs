@@ -239,8 +239,7 @@ impl RunDir {
             || (path == self.about() && is_ordinary(&path) && !self.config().exists())
     }
 
-    /// The files of a run that is to be replaced, but for its config and metrics, after making sure that there are no
-    /// others.
+    /// The files of a run that is to be replaced, but for its config and metrics; an error if there are others.
     fn replaceable(&self) -> Result<Vec<PathBuf>, String> {
         let unreadable = |error: io::Error| format!("cannot be read: {error}");
         // More than `read_config` asks for: every key.

@@ -28,8 +28,7 @@ fn config_with_defaults<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Co
     Config::from_layers(Some(("config", &text)), &[]).map_err(D::Error::custom)
 }
 
-/// A config as a checkpoint holds it, without what says when the run ends: a run that is extended leaves the bytes of one that
-/// had the larger budget from the start.
+/// A config without what says when the run ends: an extended run leaves the bytes of one that had the larger budget at once.
 pub(crate) fn config_of_checkpoint(config: &Config) -> Value {
     let mut value = json!(config);
     for key in ["budget", "stop_when_lasting_steps"] {
@@ -65,8 +64,7 @@ impl SavedPolicy {
         Ok(Self { policy: checkpoint.policy(spec)?, header })
     }
 
-    /// The greedy policy for up to `batch` observations at once. Every Q-value that a user sees comes from here, so that
-    /// all of them are in units of the environment's rewards.
+    /// The greedy policy for up to `batch` observations. Every Q-value a user sees is from here, in the environment's units.
     pub fn greedy(&self, batch: usize) -> crate::agent::Greedy {
         let reward_scale = self.header.as_ref().map_or(1.0, |header| header.config.agent.reward_scale());
         self.policy.greedy(batch).with_reward_scale(reward_scale)

@@ -72,8 +72,7 @@ fn save(trainer: &mut Trainer, recorder: &mut dyn Observer) -> Result<(), RunErr
     trainer.save_last(recorder).map_err(|error: TrainError| RunError::Failed(error.to_string()))
 }
 
-/// Gives a run before its first step the weights of a policy; returns the copy that the run keeps, so that it can be resumed
-/// and verified without the file that they came from.
+/// Gives a run before its first step the weights of a policy; returns the copy that the run keeps to be resumed and verified.
 fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError> {
     let policy = Checkpoint::read(path)?
         .policy(trainer.spec())
@@ -173,8 +172,7 @@ fn why_ended(trainer: &Trainer, reason: EndReason) -> String {
     }
 }
 
-/// The given settings, with what else a run needs that has ended so that it would train on. A budget is counted in what the
-/// user counts it in.
+/// The given settings, with what else a run that has ended needs to train on. Its budget stays in steps, or in episodes.
 fn what_extends(trainer: &Trainer, reason: EndReason, given: &[String]) -> Vec<String> {
     let progress = trainer.progress();
     let (unit, done, budget) = match trainer.config().budget {
@@ -264,8 +262,7 @@ fn other_run(recorded: &Config, given: &Config) -> Option<String> {
     difference("", &comparable(recorded), &comparable(given))
 }
 
-/// The run at its latest good checkpoint, and whether that is the previous one; at its start if it was killed before
-/// there was one.
+/// The run at its latest good checkpoint, and whether that is the previous one; at its start if it never had one.
 fn latest(run: &RunDir, config: &Config, notes: &mut Vec<String>) -> Result<(Trainer, bool), RunError> {
     let last = match load(&run.last(), config) {
         Ok(trainer) => return Ok((trainer, false)),
@@ -327,8 +324,7 @@ fn is_missing(problem: &CheckpointProblem) -> bool {
     matches!(problem, CheckpointProblem::Unreadable(error) if error.kind() == io::ErrorKind::NotFound)
 }
 
-/// Whether the previous checkpoint may be used instead. Not if the last one is intact and only cannot be read by this
-/// program now: the user can fix that.
+/// Whether the previous checkpoint may be used: not if the last is intact, and only this program cannot read it now.
 fn can_be_replaced(problem: &CheckpointProblem) -> bool {
     let readable = matches!(
         problem,

@@ -9,8 +9,7 @@ use crate::trainer::{Budget, Event, Observer};
 
 pub(crate) const LINE_INTERVAL: Duration = Duration::from_secs(2);
 
-/// A bar whose first line is a template; what is done took no time. It has two lines, so that 40 columns are enough; its message
-/// is cut where the terminal is narrower.
+/// A bar of a template and, in a line of its own, a message, for 40 columns; what is done took no time.
 pub(crate) fn progress_bar(length: u64, done: u64, template: &str) -> ProgressBar {
     let bar = ProgressBar::new(length);
     if let Ok(style) = ProgressStyle::with_template(&format!("{template}\n{{wide_msg}}")) {
@@ -24,8 +23,7 @@ pub(crate) fn progress_bar(length: u64, done: u64, template: &str) -> ProgressBa
 pub(crate) struct Console {
     bar: ProgressBar,
     budget: Budget,
-    /// When the first episode with learning ended, and the environment steps until then: the speed is measured from there, because
-    /// steps without learning are faster.
+    /// When the first episode with learning ended, and the steps until then, which are faster: the speed counts from there.
     learning: Option<(Instant, u64)>,
     last_line: Option<Instant>,
     episode: String,

@@ -12,8 +12,7 @@ use crate::trainer::{Event, Observer};
 const ATTEMPTS: u32 = 5;
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// Appends events to a file, each at once, so that a full disk is noticed at the first line that does not fit. It holds the
-/// file's lock.
+/// Appends events, each at once, so that a full disk is noticed at the first line that does not fit. Holds the file's lock.
 #[derive(Debug)]
 pub struct JsonLines {
     file: File,
@@ -31,8 +30,7 @@ fn patiently<T>(attempt: impl Fn() -> io::Result<T>) -> io::Result<T> {
 }
 
 impl JsonLines {
-    /// Opens an existing file; [`Self::cut`] says where the next event is written. The error is [`io::ErrorKind::WouldBlock`] when
-    /// another process has the file, here and below.
+    /// Opens an existing file, to be [`Self::cut`]. [`io::ErrorKind::WouldBlock`] where another process has it, here and below.
     pub fn open(directory: &Directory, path: &Path) -> io::Result<Self> {
         Self::lock(patiently(|| directory.open_file(path))?, directory, path)
     }

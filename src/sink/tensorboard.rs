@@ -20,8 +20,7 @@ const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// Episodes of a running mean, as in `mean_return_100`.
 const RECENT: usize = 100;
 
-/// Appends events to an event file, against environment steps. The format demands wall-clock times, so this is the one file of
-/// a run whose bytes differ each time.
+/// Appends events to an event file. The format demands wall-clock times: of a run's files its bytes alone differ each time.
 pub(crate) struct TensorBoard {
     file: BufWriter<File>,
     learning_rate: Box<dyn Fn(u64) -> f64>,

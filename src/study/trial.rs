@@ -23,8 +23,7 @@ pub(crate) const SCORE_EPISODES: u64 = 100;
 /// Steps that a policy must last where the study asks: 400 s, in which a cart that drifts has left the track.
 pub(crate) const LASTING_STEPS: u32 = 20_000;
 
-/// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers need only a part of
-/// the summary and have another type `S` for it.
+/// A trial's line, which follows from config and seed alone. Readers need a part of the summary, and have a type `S` for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial<S = Value> {
     pub config: String,
@@ -112,8 +111,7 @@ impl<S> Trial<S> {
 }
 
 impl Trial {
-    /// Trains the config with the seed and scores what it came to. The file at `place` has the newest checkpoint of a try
-    /// that did not end, and this one resumes it.
+    /// Trains the config with the seed and scores it. `place` has the newest checkpoint of a try that did not end, to resume it.
     pub(super) fn run(
         named: &super::NamedConfig, make: Arc<Make>, seed: u64, lasting: bool,
         place: Option<(&Directory, &Path)>, stop: &AtomicBool,

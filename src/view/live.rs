@@ -31,8 +31,7 @@ pub(crate) struct Interrupts {
 
 /// Shows a run in the terminal and holds it back to a pace.
 ///
-/// Once the run has ended, dropping it waits until somebody has looked and quits; a run that was stopped or failed is
-/// not shown any longer.
+/// Once the run has ended, dropping it waits until somebody quits; a run that was stopped or failed is closed at once.
 pub(crate) struct Live {
     messages: Sender<Message>,
     pacer: Pacer,
@@ -48,8 +47,7 @@ enum Message {
 }
 
 impl Live {
-    /// Opens the view of a run that has done so many steps. The first quit stops the run after its current step; a second one
-    /// restores the terminal and calls `end_process`.
+    /// Opens the view of a run after `env_steps`. A quit stops the run after its step; a second one calls `end_process`.
     pub fn open(
         name: &str, environment: Box<dyn crate::env::Environment>, budget: Budget, env_steps: u64,
         pace: Pace, interrupts: &Interrupts, end_process: impl FnOnce() + Send + 'static,

@@ -34,8 +34,7 @@ unsafe impl Vector for Avx2 {
         // SAFETY: the CPU has AVX2, and `source` is valid for `lanes` < 8 reads.
         Self(unsafe { _mm256_maskload_ps(source, avx2_mask(lanes)) })
     }
-    /// Stores four numbers, then two, then one, as `lanes` is made up. Some CPUs run a masked store as slow
-    /// microcode.
+    /// Stores four numbers, then two, then one, as `lanes` is made up. Some CPUs run a masked store slowly.
     #[inline(always)]
     unsafe fn store_part(self, target: *mut f32, lanes: usize) {
         // SAFETY: `target` is valid for `lanes` writes. The stores are as long as the bits of `lanes` say.

@@ -26,8 +26,7 @@ pub trait Float:
     fn clamp(self, low: Self, high: Self) -> Self;
 }
 
-/// Whether the standard library's `mul_add` is an instruction, because every CPU of the target has one. Elsewhere it calls the
-/// C library, and that of MinGW rounds twice.
+/// Whether `mul_add` is an instruction of every CPU of the target. Else it calls the C library, and MinGW's rounds twice.
 const HAS_FUSED: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
 
 macro_rules! float {
@@ -64,8 +63,7 @@ macro_rules! float {
 
 float!(f32, libm::fmaf; f64, libm::fma;);
 
-/// x · y + z, rounded once, by f64 arithmetic alone. WebAssembly has no instruction for it, and a call of a function is slow
-/// there.
+/// x · y + z, rounded once, by f64 alone: WebAssembly has no instruction for it, and a call of a function is slow there.
 #[doc(hidden)]
 #[inline(always)]
 pub fn mul_add_in_f64(x: f32, y: f32, z: f32) -> f32 {

@@ -56,16 +56,14 @@ impl InstructionSet {
     /// The environment variable that names the instruction set to run on, for tests and comparisons.
     pub const VARIABLE: &str = "CARTPOLE_DQN_SIMD";
 
-    /// The instruction set that networks compute with: what [`Self::from_environment`] gives, or the fastest
-    /// instruction set if [`Self::VARIABLE`] names none that this CPU has. The first call decides for the whole
-    /// process.
+    /// The instruction set that networks compute with, decided once for the process: what [`Self::from_environment`] gives,
+    /// or the fastest if [`Self::VARIABLE`] names none that this CPU has.
     pub fn current() -> Self {
         static CURRENT: OnceLock<InstructionSet> = OnceLock::new();
         *CURRENT.get_or_init(|| Self::from_environment().unwrap_or(Self::available()[0]))
     }
 
-    /// The instruction set that [`Self::VARIABLE`] names (`scalar`, `avx2`, `avx512` or `neon`), or the fastest if the variable
-    /// is not set.
+    /// The instruction set that [`Self::VARIABLE`] names (`scalar`, `avx2`, `avx512` or `neon`), or else the fastest.
     pub(crate) fn from_environment() -> Result<Self, UnknownInstructionSet> {
         let available = Self::available();
         let Some(asked) = std::env::var_os(Self::VARIABLE) else { return Ok(available[0]) };

@@ -64,16 +64,14 @@ pub(super) trait Epilogue: Copy {
 #[derive(Clone, Copy)]
 pub(super) struct Plain;
 
-/// Starts at the bias of C's row, or else of C's column, and stores the sum through ReLU if `relu`. `bias` has as many
-/// numbers as C has rows, or else columns.
+/// Starts at the bias of C's row, or else column, and stores the sum through ReLU if `relu`. `bias` has one for each.
 #[derive(Clone, Copy)]
 pub(super) struct Bias<const OF_ROW: bool> {
     pub(crate) bias: *const f32,
     pub(crate) relu: bool,
 }
 
-/// Starts at 0, and stores the sum where the same element of `x` is above 0, and 0 elsewhere. `x` has the shape of C,
-/// with `columns` columns.
+/// Starts at 0, and stores the sum where the same element of `x`, of C's shape with `columns` columns, is above 0, else 0.
 #[derive(Clone, Copy)]
 pub(super) struct WherePositive {
     pub(crate) x: *const f32,
@@ -200,8 +198,7 @@ impl Product {
         Self { b: self.scratch, b_stride: width, ..self }
     }
 
-    /// Copies a strip of B that is read often enough, so that its rows follow each other in the scratch. Rows that lie
-    /// a power of two apart map to the same cache sets.
+    /// Copies a strip of B that is read often to consecutive rows of the scratch. Rows a power of two apart share cache sets.
     ///
     /// # Safety
     /// As for [`Self::strip`], and `b` is where the strip begins.

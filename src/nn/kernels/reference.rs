@@ -33,8 +33,7 @@ pub fn affine<T: Float>(x: &DMatrix<T>, layer: &[T], relu: bool, y: &mut DMatrix
     }
 }
 
-/// dx = Wᵀ dy where x > 0, else 0. dy is (batch, out), `layer` is W (in, out), then b (out), x and dx are
-/// (batch, in).
+/// dx = Wᵀ dy where x > 0, else 0. dy is (batch, out), `layer` W (in, out), then b (out), x and dx (batch, in).
 pub fn input_gradient<T: Float>(dy: &DMatrix<T>, layer: &[T], x: &DMatrix<T>, dx: &mut DMatrix<T>) {
     let outputs = dy.ncols();
     for input in 0..x.ncols() {
@@ -68,8 +67,7 @@ pub fn layer_gradient<T: Float>(dy: &DMatrix<T>, x: &DMatrix<T>, gradient: &mut 
     }
 }
 
-/// Adam's loop over the parameters θ, their gradient g and their moments m and v. Returns whether every new θ is
-/// finite.
+/// Adam's loop over the parameters θ, gradient g and moments m and v. Returns whether every new θ is finite.
 pub fn adam<T: Float>(
     coefficients: &AdamCoefficients<T>, parameters: &mut [T], gradient: &[T], first_moment: &mut [T],
     second_moment: &mut [T],

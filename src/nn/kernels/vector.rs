@@ -17,8 +17,7 @@ pub(super) unsafe trait Vector: Copy {
 
     /// How many f32 a vector holds.
     const LANES: usize;
-    /// How many registers the tile of a product may take. One register of the CPU stays free, because compilers spill
-    /// registers to memory without it.
+    /// How many registers a product's tile may take: one fewer than the CPU has, because compilers would spill to memory.
     const REGISTERS: usize;
 
     /// `value` in every lane.
@@ -73,8 +72,7 @@ pub(super) unsafe trait Vector: Copy {
 
     /// Side of the square that [`Self::transpose_block`] transposes.
     const BLOCK: usize = 1;
-    /// Transposes a square. Its rows are `from_stride` numbers apart in `from`. The rows of the transpose are
-    /// `to_stride` numbers apart in `to`.
+    /// Transposes a square. Rows are `from_stride` numbers apart in `from`, those of the transpose `to_stride` in `to`.
     ///
     /// # Safety
     /// The CPU has the instruction set, `from` is valid for reads of the square, and `to` for writes of the transpose.
