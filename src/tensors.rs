@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use safetensors::{Dtype, SafeTensors, View};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
 
 use crate::nn::{Kernels, Mlp};
 use crate::rng::Rng;
@@ -97,21 +98,6 @@ element!(f32, F32, 4);
 element!(f64, F64, 8);
 element!(u64, U64, 8);
 
-impl View for &Tensor {
-    fn dtype(&self) -> Dtype {
-        self.dtype
-    }
-    fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-    fn data(&self) -> std::borrow::Cow<'_, [u8]> {
-        (&self.bytes).into()
-    }
-    fn data_len(&self) -> usize {
-        self.bytes.len()
-    }
-}
-
 impl Tensors {
     pub(crate) fn from_safetensors(bytes: &[u8]) -> Result<Self, safetensors::SafeTensorError> {
         let file = SafeTensors::deserialize(bytes)?;
@@ -125,7 +111,8 @@ impl Tensors {
     pub fn to_safetensors(
         &self, metadata: Option<HashMap<String, String>>,
     ) -> Result<Vec<u8>, safetensors::SafeTensorError> {
-        safetensors::serialize(&self.0, metadata)
+        let views = self.0.iter().map(|(name, tensor)| tensor.view().map(|view| (name, view)));
+        safetensors::serialize(views.collect::<Result<Vec<_>, _>>()?, metadata)
     }
 
     /// Name, type and shape of every tensor, by name.
@@ -318,13 +305,13 @@ impl Tensor {
         Self { dtype: Dtype::F32, shape: self.shape.clone(), bytes: f32::to_bytes(&values) }
     }
 
+    fn view(&self) -> Result<TensorView<'_>, safetensors::SafeTensorError> {
+        TensorView::new(self.dtype, self.shape.clone(), &self.bytes)
+    }
+
     fn unexpected(&self, name: &str, expected: String) -> TensorError {
-        TensorError::Unexpected {
-            name: name.to_owned(),
-            dtype: self.dtype,
-            shape: self.shape.clone(),
-            expected,
-        }
+        let (name, shape) = (name.to_owned(), self.shape.clone());
+        TensorError::Unexpected { name, dtype: self.dtype, shape, expected }
     }
 }
 

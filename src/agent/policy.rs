@@ -41,15 +41,9 @@ impl Policy {
     }
 
     pub fn greedy(&self, batch: usize) -> Greedy {
-        let batch = match self.clone() {
-            Self::Network(network) => {
-                let activations = Activations::new(network.sizes(), batch);
-                BatchedQ::Network(network, activations)
-            }
-            Self::Table(table) => {
-                let q = DMatrix::zeros(batch, table.num_actions());
-                BatchedQ::Table(table, q)
-            }
+        let batch = match self {
+            Self::Network(mlp) => BatchedQ::Network(mlp.clone(), Activations::new(mlp.sizes(), batch)),
+            Self::Table(table) => BatchedQ::Table(table.clone(), DMatrix::zeros(batch, table.num_actions())),
         };
         Greedy { batch, reward_scale: 1.0 }
     }

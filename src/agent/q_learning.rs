@@ -155,11 +155,8 @@ impl Agent for QLearning {
     }
 
     fn counters(&self) -> Counters {
-        Counters {
-            updates: self.updates,
-            epsilon: self.exploration.epsilon,
-            learning_rate: self.learning_rate,
-        }
+        let Self { updates, learning_rate, .. } = *self;
+        Counters { updates, epsilon: self.exploration.epsilon, learning_rate }
     }
 
     fn statistics(&self, probes: &Probes, played: &[Played]) -> Option<NamedNumbers> {

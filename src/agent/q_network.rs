@@ -1,5 +1,4 @@
-//! The Q-network of an agent: the network, what an observation is divided by before the network sees it, and how both become
-//! a policy for observations as the environment gives them.
+//! The Q-network of an agent, what an observation is divided by before it, and how both become a policy.
 
 use crate::nn::{Activations, Mlp, NetworkConfig};
 

@@ -54,8 +54,7 @@ pub struct Transition<'a> {
     pub truncated: bool,
 }
 
-/// A batch of windows of k ≥ 1 transitions, gathered for an update; with one-step learning every window is one
-/// transition. Observations are (batch, features), the rest (batch).
+/// A batch of windows of k ≥ 1 transitions, gathered for an update. Observations are (batch, features), the rest (batch).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Minibatch {
     /// s, before the first transition

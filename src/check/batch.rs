@@ -203,7 +203,7 @@ impl<'a> Rows<'a> {
     fn judge_rounding(&self, physics: &Physics, is_named: bool, judged: &mut BatchVerdict) -> bool {
         let all = || self.s.iter().chain(&self.next).flatten();
         let on_grid = |grid: f64| all().all(|x| (x / grid - (x / grid).round()).abs() < 1e-4);
-        let Some(grid) = [1.0, 0.1, 0.01, 0.001].into_iter().find(|&grid| on_grid(grid)) else {
+        let Some(grid) = [1.0, 0.1, 0.01, 1e-3].into_iter().find(|&grid| on_grid(grid)) else {
             return false;
         };
         let leads = |i: usize, off: &dyn Fn(f64) -> f64| {
@@ -221,13 +221,11 @@ impl<'a> Rows<'a> {
             return false;
         }
         let name = physics.id.spec().id;
-        judged.found(
-            "observations_rounded",
-            format!(
-                "every number is a multiple of {grid}; no step of {name} leads from these s to these s′, and within {grid} \
-                 steps do in all {fit} rows"
-            ),
+        let evidence = format!(
+            "every number is a multiple of {grid}; no step of {name} leads from these s to these s′, and within {grid} steps \
+             do in all {fit} rows"
         );
+        judged.found("observations_rounded", evidence);
         true
     }
 
@@ -339,10 +337,11 @@ impl<'a> Rows<'a> {
             let only =
                 if used == 1 { format!("; every stored action is {}", actions[0]) } else { String::new() };
             let count = others.len();
-            judged.found(
-                "stored_action_is_another",
-                format!("{count} of {size} rows are steps of {name} with another action than the stored one, row {first} for example{only}"),
+            let which = format!("row {first} for example{only}");
+            let evidence = format!(
+                "{count} of {size} rows are steps of {name} with another action than the stored one, {which}"
             );
+            judged.found("stored_action_is_another", evidence);
         }
         let batch = &self.update.batch;
         for (id, kind, what) in [
@@ -393,10 +392,8 @@ impl<'a> Rows<'a> {
         let has_both = !ends.is_empty() && ends.len() < steps.len();
         if has_both && (is_exchanged(false) || is_exchanged(true)) {
             let count = steps.len();
-            judged.found(
-                "reward_and_end_exchanged",
-                format!("the reward is 1 in the rows that end an episode and 0 elsewhere, `terminated` is 1 in all {count}"),
-            );
+            let reward = "the reward is 1 in the rows that end an episode and 0 elsewhere";
+            judged.found("reward_and_end_exchanged", format!("{reward}, `terminated` is 1 in all {count}"));
             return;
         }
         let beyond = self.beyond(physics, &steps);
@@ -410,18 +407,12 @@ impl<'a> Rows<'a> {
             }
         } else if !lost.is_empty() && !early.is_empty() {
             let (lost, early) = (lost.len(), early.len());
-            judged.found(
-                "end_of_another_step",
-                format!("{lost} rows end in a state where {name} ends and have `terminated` 0, {early} that do not have 1"),
-            );
+            let those = format!("{lost} rows end in a state where {name} ends and have `terminated` 0");
+            judged.found("end_of_another_step", format!("{those}, {early} that do not have 1"));
         } else if let Some(first) = lost.first() {
             let (lost, ends) = (lost.len(), ends.len());
-            judged.found(
-                "terminated_never_stored",
-                format!(
-                    "{lost} of {ends} rows that end {name}, row {first} for example, have `terminated` 0"
-                ),
-            );
+            let rows = format!("{lost} of {ends} rows that end {name}, row {first} for example");
+            judged.found("terminated_never_stored", format!("{rows}, have `terminated` 0"));
         } else if let Some(first) = early.first() {
             let count = early.len();
             let evidence = format!(
@@ -429,10 +420,8 @@ impl<'a> Rows<'a> {
             );
             let at_limit = early.iter().filter(|&&i| batch.is_truncated(i)).count();
             if at_limit > 0 || !self.has_threshold(&early) {
-                judged.found(
-                    "time_limit_stored_as_terminated",
-                    format!("{evidence}; {at_limit} of them have `truncated` 1"),
-                );
+                let evidence = format!("{evidence}; {at_limit} of them have `truncated` 1");
+                judged.found("time_limit_stored_as_terminated", evidence);
             } else {
                 judged.unseen.push(format!(
                     "{evidence}: a time limit stored as an end, or an end of your own (they are the farthest in one \
@@ -477,12 +466,9 @@ impl<'a> Rows<'a> {
         {
             judged.facts.push(format!("the rewards are {} times those of {name}", short(factor)));
         } else if steps.iter().all(|(i, _)| is_of_task(rewards[*i])) && is_way(true) && is_way(false) {
-            judged.found(
-                "reward_of_another_step",
-                format!(
-                    "{count} rows, row {first} for example, have another reward than their step of {name}"
-                ),
-            );
+            let rows = format!("{count} rows, row {first} for example");
+            let evidence = format!("{rows}, have another reward than their step of {name}");
+            judged.found("reward_of_another_step", evidence);
         } else {
             let value = rewards[first];
             let is_one = differing.iter().all(|(i, _)| rewards[*i] == value);

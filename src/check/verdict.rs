@@ -278,9 +278,10 @@ impl Search<'_> {
                 let raw = self.raw_gradients(variant, &targets, &loss);
                 let gradients = self.reference.changed(variant, raw.to_vec());
                 if stage == Stage::Gradients {
-                    return gradients;
+                    gradients
+                } else {
+                    self.reference.weights(variant, &gradients, 0)
                 }
-                self.reference.weights(variant, &gradients, 0)
             }
         }
     }

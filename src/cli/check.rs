@@ -5,21 +5,22 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
 
-use super::check_trace::{self, Printed, put, put_all, put_mistake};
 use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
-use crate::check::trace;
+use crate::check::trace::{self, Judgement};
 use crate::check::{
-    BatchVerdict, EpsilonPlace, Explained, Found, Judged, OptimizerName, QuantityState, Settings, Stage,
-    Update, Verdict, check_with,
+    BatchVerdict, EpsilonPlace, Explained, Found, Judged, Mistake, OptimizerName, QuantityState, Settings,
+    Stage, Update, Verdict, check_with,
 };
 use crate::files::{read_limited, read_rest};
 use crate::nn::Loss;
-use crate::text::shown;
+use crate::text::{COLUMNS, lines, shown, visible};
 
 /// How long a check shows no progress.
 const PATIENCE: Duration = Duration::from_secs(1);
+const INDENT: usize = 12;
 
 /// Say which known mistake another program's DQN has.
 ///
@@ -37,6 +38,16 @@ pub(super) struct CheckArguments {
     json: bool,
 }
 
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed<'a, V> {
+    file: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    settings: Option<Settings>,
+    #[serde(flatten)]
+    verdict: &'a V,
+}
+
 pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     let is_standard = is_standard_input(&arguments.file);
     let path = if is_standard { Path::new("standard input") } else { &arguments.file };
@@ -52,7 +63,7 @@ pub(super) fn run(arguments: &CheckArguments) -> Result<(), Failure> {
     if let Some(bytes) = read.as_ref().ok().filter(|bytes| trace::is_trace(bytes)) {
         let judged = in_view(|show| trace::judge(bytes, show));
         let judgement = judged.map_err(|problem| Failure::BadInput(format!("{file}: {problem}")))?;
-        return check_trace::show(&file, &judgement, arguments.json);
+        return show_loop(&file, &judgement, arguments.json);
     }
     let update = Update::named(read, path).map_err(|error| Failure::BadInput(on_one_line(&error)))?;
     let verdict = in_view(|show| check_with(&update, show));
@@ -218,4 +229,50 @@ fn state(quantity: &Judged, verdict: &Verdict) -> String {
         QuantityState::Explained => differs,
         QuantityState::Different => differs + ", and no known mistake gives these numbers",
     }
+}
+
+/// Prints what is said of a loop. Fails if a mistake is named.
+fn show_loop(file: &str, judgement: &Judgement, is_json: bool) -> Result<(), Failure> {
+    let json = Printed { file, settings: None, verdict: judgement };
+    let printed = if is_json { print_json(&json) } else { print(&describe_loop(file, judgement)) };
+    printed?;
+    match judgement.mistakes.len() {
+        0 => Ok(()),
+        1 => Err(Failure::Failed("the loop has a known mistake".into())),
+        mistakes => Err(Failure::Failed(format!("the loop has {mistakes} known mistakes"))),
+    }
+}
+
+fn describe_loop(file: &str, judgement: &Judgement) -> String {
+    let mut text = String::new();
+    put(&mut text, "file", file);
+    put_all(&mut text, "loop", &judgement.facts);
+    for found in &judgement.mistakes {
+        put(&mut text, "MISTAKE", &found.mistake.name());
+        put_mistake(&mut text, found.mistake, Some(&found.evidence));
+    }
+    if judgement.mistakes.is_empty() {
+        put(&mut text, "verdict", "nothing that could be seen is wrong");
+    }
+    put_all(&mut text, "not seen", &judgement.unseen);
+    text
+}
+
+fn put_mistake(text: &mut String, mistake: &Mistake, evidence: Option<&str>) {
+    put(text, "  what", &mistake.what);
+    evidence.into_iter().for_each(|evidence| put(text, "  shown by", evidence));
+    put(text, "  why", &mistake.why);
+    put(text, "  mend", &mistake.mend);
+}
+
+/// Adds paragraphs behind one name.
+fn put_all<'a>(text: &mut String, name: &str, paragraphs: impl IntoIterator<Item = &'a String>) {
+    let names = [name].into_iter().chain(std::iter::repeat(""));
+    paragraphs.into_iter().zip(names).for_each(|(paragraph, name)| put(text, name, paragraph));
+}
+
+/// Adds a paragraph behind its name.
+fn put(text: &mut String, name: &str, paragraph: &str) {
+    let margin = format!("\n{:INDENT$}", "");
+    *text += &format!("{name:<INDENT$}{}\n", lines(&visible(paragraph), COLUMNS - INDENT).join(&margin));
 }

@@ -1,7 +1,6 @@
 //! The command line: one file per command. Only here is printed, and only here an exit code chosen.
 
 mod check;
-mod check_trace;
 mod completions;
 mod config;
 mod eval;

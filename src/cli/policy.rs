@@ -69,11 +69,9 @@ impl PolicyArguments {
             Some(place) if is_standard_input(place) => {
                 let file = PathBuf::from("standard input");
                 let mut stdin = standard_input("cartpole-dqn eval - < last.safetensors")?;
-                let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read);
-                return match checkpoint {
-                    Ok(checkpoint) => self.found(STANDARD.into(), file, checkpoint),
-                    Err(problem) => Err(CheckpointError { path: file, problem }.into()),
-                };
+                let checkpoint = Checkpoint::read_from(&mut stdin as &mut dyn Read)
+                    .map_err(|problem| CheckpointError { path: file.clone(), problem })?;
+                return self.found(STANDARD.into(), file, checkpoint);
             }
             Some(place) => place.clone(),
             None => super::find::newest_with_policy(Path::new(super::find::RUNS))?,

@@ -56,11 +56,8 @@ pub(super) fn run(arguments: &ReportArguments) -> Result<(), Failure> {
         }
     }
     // The report is also printed when it cannot be saved.
-    if arguments.json {
-        print_json(&report.json)?
-    } else {
-        print(&report.text)?
-    }
+    let printed = if arguments.json { print_json(&report.json) } else { print(&report.text) };
+    printed?;
     let hint = "; choose another --out";
     let directory = crate::files::create_directories(out).and_then(|_| crate::files::Directory::open(out));
     let directory = directory.map_err(|error| cannot_write(out, &error, hint))?;

@@ -98,11 +98,13 @@ impl ListedRun {
             self.take(&event);
         });
         read.map_err(|error| format!("{}: {error}", metrics.display()))?;
+        // A shared lock for a moment, which is why `train` tries several times to get its own. A run that has ended is not asked.
+        let shared = || crate::files::open_shared(&metrics);
+        let is_locked = || shared().is_err_and(|error| error.kind() == io::ErrorKind::WouldBlock);
         let has_checkpoint = directory.last().exists() || directory.previous().exists();
         self.state = match has_ended {
             true if has_checkpoint => "ended",
-            // Asked only if the run has not ended, because the question takes the lock for a moment.
-            false if is_locked(&metrics) => "running",
+            false if is_locked() => "running",
             _ if !has_checkpoint => {
                 let checkpoints = directory.checkpoints();
                 return Err(format!("{}: {LAST} and {PREVIOUS} are missing", checkpoints.display()));
@@ -144,12 +146,6 @@ impl ListedRun {
             }
         }
     }
-}
-
-/// Whether another process trains the run of this metrics file. The question takes a shared lock for a moment, which is why
-/// `train` tries several times to get its own.
-fn is_locked(metrics: &Path) -> bool {
-    crate::files::open_shared(metrics).is_err_and(|error| error.kind() == io::ErrorKind::WouldBlock)
 }
 
 fn changed_keys(config: &crate::config::Config) -> BTreeMap<&'static str, Value> {

@@ -26,8 +26,7 @@ pub(super) enum Failure {
 }
 
 impl Failure {
-    /// A file that cannot be written. The same cause has the same exit code in every command: a place that can never be
-    /// written is bad input, a disk that fails or is full is a failure.
+    /// A file that cannot be written: bad input in every command if the place can never be written, else a failure.
     pub(super) fn unwritten(message: String, error: &io::Error) -> Self {
         use io::ErrorKind as Kind;
         match error.kind() {

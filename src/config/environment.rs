@@ -1,5 +1,4 @@
-//! The environment of a config: a name, or a program. Nobody's file starts a program: a config can do so only after
-//! [`EnvironmentConfig::allow`].
+//! The environment of a config, a name or a program, which only [`EnvironmentConfig::allow`] lets start: nobody's file does.
 
 use std::fmt;
 use std::sync::Arc;

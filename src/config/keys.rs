@@ -238,13 +238,11 @@ impl Allowed {
             Self::OneOf(names) => json!({"enum": names}),
             Self::NameOr(names, _) => json!({"anyOf": [Self::OneOf(names).schema(), {"type": "object"}]}),
             Self::Command => json!({"type": "array", "minItems": 1, "items": {"type": "string"}}),
-            Self::Task => json!({"type": "object"}),
             Self::Integer(low, high) => json!({"type": "integer", "minimum": low, "maximum": high}),
             Self::Number(_, (low, high)) => {
                 let mut schema = json!({"type": "number"});
-                for (bound, included, excluded) in
-                    [(low, "minimum", "exclusiveMinimum"), (high, "maximum", "exclusiveMaximum")]
-                {
+                let bounds = [(low, "minimum", "exclusiveMinimum"), (high, "maximum", "exclusiveMaximum")];
+                for (bound, included, excluded) in bounds {
                     match bound {
                         Included(value) => schema[included] = json!(value),
                         Excluded(value) => schema[excluded] = json!(value),
@@ -260,7 +258,7 @@ impl Allowed {
             Self::Bins => {
                 json!({"anyOf": [BINS.schema(), {"type": "array", "maxItems": MAX_BINS - 1, "items": EDGE.schema()}]})
             }
-            Self::Object(_) => json!({"type": "object"}),
+            Self::Task | Self::Object(_) => json!({"type": "object"}),
             Self::OrNull(allowed) => json!({"anyOf": [allowed.schema(), {"type": "null"}]}),
         }
     }

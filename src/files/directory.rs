@@ -1,5 +1,4 @@
-//! A directory in which this program writes. What is below it is reached from there name by name, and never through a link,
-//! also if the link appears while the program runs.
+//! A directory in which this program writes: below it names are reached one by one, and never through a link, even a new one.
 
 use std::fs::File;
 use std::io;

@@ -1,5 +1,4 @@
-//! Directories of systems where nothing can be reached relative to an open one: what is on the way is looked at before each
-//! call. A link that appears between the two is followed.
+//! Directories where nothing can be reached relative to an open one: a link is looked for before each call, not during it.
 
 use std::fs::{self, File, OpenOptions};
 use std::io;

@@ -1,6 +1,5 @@
-//! What differs between operating systems, one file for each: how a directory is held and a file is locked, which signals
-//! there are, and how a program is started and ended with all that it has started itself. No other room asks which system it
-//! is.
+//! What differs between operating systems, one file for each: directories and locks, signals, and how a program is started
+//! and ended with all that it has started. No other room asks which system it is.
 
 use std::io;
 

@@ -1,7 +1,6 @@
 //! Many runs: every config of a study with every seed, in any number of processes on any number of machines.
 //!
-//! A trial follows from its config and seed alone. So the results are the same whichever processes run the trials, in whatever
-//! order and however often.
+//! A trial follows from its config and seed alone: whichever processes run the trials, and however often, results are the same.
 
 mod local;
 mod plan;

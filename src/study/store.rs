@@ -114,8 +114,7 @@ impl StudyDir {
         fs::read_dir(self.path.join(UNFINISHED)).into_iter().flatten().filter_map(trial).collect()
     }
 
-    /// Removes the checkpoints of trials that have their line, which killed processes have left. Once every trial has its line, no
-    /// process writes below `unfinished/`, and the directory is removed.
+    /// Removes checkpoints of trials that have their line, which killed processes left; after the last trial the directory too.
     pub(crate) fn tidy(&self) -> Result<(), StudyError> {
         let unfinished = self.path.join(UNFINISHED);
         if unfinished.is_dir() {

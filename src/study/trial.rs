@@ -93,8 +93,7 @@ pub(crate) enum Cause {
 }
 
 impl<S> Trial<S> {
-    /// Whether the line records what happened around the training, as earlier versions wrote it, and no result: only a
-    /// training that diverged is an error that follows from config and seed.
+    /// Whether the line, of an earlier version, is no result: only a training that diverged follows from config and seed.
     pub(super) fn is_circumstance(&self) -> bool {
         self.error.as_ref().is_some_and(|error| !error.starts_with("training diverged: "))
     }

@@ -37,14 +37,12 @@ fn whole(value: f64) -> String {
 }
 
 fn fitting(texts: impl Iterator<Item = String>, columns: usize) -> String {
-    let mut shown = String::new();
-    for text in texts {
-        if width(&shown) + width(&text) > columns {
-            break;
-        }
-        shown += &text;
-    }
-    shown
+    let mut taken = 0;
+    let fits = |text: &String| {
+        taken += width(text);
+        taken <= columns
+    };
+    texts.take_while(fits).collect()
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -75,10 +73,8 @@ pub(crate) fn check_terminal() -> Result<(), NoView> {
         return Err(NoView::Dumb);
     }
     let (width, height) = terminal::size()?;
-    if width < SMALLEST.width || height < SMALLEST.height {
-        return Err(NoView::TooSmall(Size { width, height }));
-    }
-    Ok(())
+    let is_large = width >= SMALLEST.width && height >= SMALLEST.height;
+    if is_large { Ok(()) } else { Err(NoView::TooSmall(Size { width, height })) }
 }
 
 /// The terminal in the hands of a view; dropped, or in a panic, it is as before.

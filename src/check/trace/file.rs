@@ -368,9 +368,8 @@ impl Columns<'_> {
     }
 
     fn updates(&mut self) -> Result<Updates, String> {
-        let Some(rows) = self.length(&["updates.step", "updates.online"])? else {
-            return Ok(Updates::default());
-        };
+        let needed = ["updates.step", "updates.online"];
+        let Some(rows) = self.length(&needed)? else { return Ok(Updates::default()) };
         Ok(Updates {
             step: self.integers("updates.step", rows)?,
             online: self.checksums("updates.online", rows)?,

@@ -43,10 +43,9 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
     let change = |update| TargetMove { update, is_copy: is_copy(updates, update), tau: tau(updates, update) };
     let changes: Vec<TargetMove> = changed.map(change).collect();
     overwritten(updates, judgement);
-    if changes.is_empty() {
-        unchanged(trace, learned, judgement);
-    } else {
-        moves(trace, &changes, judgement);
+    match &changes[..] {
+        [] => unchanged(trace, learned, judgement),
+        changes => moves(trace, changes, judgement),
     }
     not_initialised(trace, &changes, judgement);
 }

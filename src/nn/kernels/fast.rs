@@ -1,5 +1,4 @@
-//! The kernels in f32 with vectors: one source for every instruction set, chosen at run time. See
-//! [`reference`](mod@super::reference) for what each kernel computes.
+//! The kernels of [`reference`](mod@super::reference) in f32 with vectors: one source for all instruction sets.
 
 use nalgebra::DMatrix;
 
@@ -70,26 +69,36 @@ fn fits_layer(layer: &[f32], inputs: usize, outputs: usize) -> bool {
     inputs.checked_add(1).and_then(|rows| rows.checked_mul(outputs)) == Some(layer.len())
 }
 
+/// A layer's weight, or with the other strides its transpose, times a batch B.
+#[inline(always)]
+fn of_batch(
+    layer: &[f32], [a_row_stride, a_column_stride]: [usize; 2], b: &DMatrix<f32>, scratch: &mut [f32],
+    c: &mut DMatrix<f32>,
+) -> Product {
+    let (columns, rows) = c.shape();
+    Product {
+        rows,
+        columns,
+        inner: b.ncols(),
+        a: layer.as_ptr(),
+        a_row_stride,
+        a_column_stride,
+        b: b.as_slice().as_ptr(),
+        b_stride: columns,
+        b_is_transposed: false,
+        sums_b: false,
+        scratch: scratch.as_mut_ptr(),
+        c: c.as_mut_slice().as_mut_ptr(),
+    }
+}
+
 kernel! {
     /// See [`super::reference::affine`].
     pub fn affine<V>(x: &DMatrix<f32>, layer: &[f32], relu: bool, scratch: &mut [f32], y: &mut DMatrix<f32>) {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), y.ncols());
         assert!(fits_layer(layer, inputs, outputs) && y.nrows() == batch && scratch.len() >= PACKED);
         let bias = layer[inputs * outputs..].as_ptr();
-        let product = Product {
-            rows: outputs,
-            columns: batch,
-            inner: inputs,
-            a: layer.as_ptr(),
-            a_row_stride: 1,
-            a_column_stride: outputs,
-            b: x.as_slice().as_ptr(),
-            b_stride: batch,
-            b_is_transposed: false,
-            sums_b: false,
-            scratch: scratch.as_mut_ptr(),
-            c: y.as_mut_slice().as_mut_ptr(),
-        };
+        let product = of_batch(layer, [1, outputs], x, scratch, y);
         // SAFETY: the CPU has the instruction set, and the operands have the asserted sizes.
         unsafe {
             if batch == 1 {
@@ -113,20 +122,7 @@ kernel! {
         let (batch, inputs, outputs) = (x.nrows(), x.ncols(), dy.ncols());
         assert!(fits_layer(layer, inputs, outputs) && dy.nrows() == batch && dx.shape() == x.shape());
         assert!(scratch.len() >= PACKED);
-        let product = Product {
-            rows: inputs,
-            columns: batch,
-            inner: outputs,
-            a: layer.as_ptr(),
-            a_row_stride: outputs,
-            a_column_stride: 1,
-            b: dy.as_slice().as_ptr(),
-            b_stride: batch,
-            b_is_transposed: false,
-            sums_b: false,
-            scratch: scratch.as_mut_ptr(),
-            c: dx.as_mut_slice().as_mut_ptr(),
-        };
+        let product = of_batch(layer, [outputs, 1], dy, scratch, dx);
         // SAFETY: the CPU has the instruction set, and the operands have the asserted sizes.
         unsafe { product.compute::<V, TALLEST>(WherePositive { x: x.as_slice().as_ptr(), columns: batch }) }
     }

@@ -5,8 +5,7 @@
 //! at 0) and takes its products by fused multiply-add, the inner index running from first to last. The lanes of a
 //! vector lie over outputs or over the batch, never over a sum. So the width of a vector changes no bit.
 //!
-//! **ReLU** is `if x < 0 { 0 } else { x }`, so −0 stays −0 and NaN stays NaN. Its gradient passes where the output is
-//! above 0.
+//! **ReLU** is `if x < 0 { 0 } else { x }`: −0 stays −0 and NaN stays NaN. Its gradient passes where the output is above 0.
 //!
 //! **Adam's moments** of a unit that gets no gradient any more would decay into subnormal numbers, with which a CPU
 //! computes a hundred times slower. So a moment whose magnitude is below 2⁻¹²⁶ becomes 0 (2⁻¹⁰²² in f64). That is the

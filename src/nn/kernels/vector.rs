@@ -1,5 +1,4 @@
-//! Vectors of f32, with the few operations that the kernels need, for every instruction set. Each operation rounds as
-//! the scalar operation does. So all widths give the same bits.
+//! Vectors of f32 with the few operations of the kernels. Each rounds as the scalar operation, so all widths give the same bits.
 
 /// A vector of f32.
 ///
