@@ -191,8 +191,7 @@ pub(crate) fn random_name() -> String {
 /// The error of a temporary file, which nobody knows, with its directory instead.
 fn without_name(error: io::Error, path: &Path) -> io::Error {
     use io::ErrorKind as Kind;
-    let directory =
-        path.parent().filter(|directory| !directory.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let directory = path.parent().filter(|above| !above.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match error.kind() {
         kind @ (Kind::PermissionDenied | Kind::ReadOnlyFilesystem | Kind::NotFound) => {
             io::Error::new(kind, format!("no file can be made in {}: {kind}", directory.display()))

@@ -159,9 +159,8 @@ impl Tensors {
         read_network(prefix, network, |name, shape| self.get(name, shape))
     }
 
-    /// The same under the names that a `torch.nn.Sequential` gives them, and in F32, where the file of another program leaves
-    /// one way to read it: layers whose names differ by their numbers alone, `q_net.0.weight`, `q_net.2.weight`, or `layer1.weight`,
-    /// `layer2.weight`. Numbers behind a dot are places in a Sequential, where an activation takes one too.
+    /// The same with a Sequential's names and in F32, where another program's file leaves one way to read it: layers named by
+    /// numbers, `q_net.0.weight` or `layer1.weight`. Those behind a dot are places, of which an activation takes one too.
     fn as_sequential(&self) -> Option<Self> {
         let mut chains: BTreeMap<&str, BTreeMap<usize, &str>> = BTreeMap::new();
         for name in self.0.keys() {

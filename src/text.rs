@@ -199,8 +199,7 @@ pub(crate) fn wrapped(text: &str, indent: usize) -> String {
 pub(crate) fn table(rows: &[Vec<String>]) -> String {
     const NAMES: usize = 1;
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let widest =
-        |i: usize| rows.iter().filter_map(|row| row.get(i)).map(|cell| width(cell)).max().unwrap_or(0);
+    let widest = |i: usize| rows.iter().filter_map(|row| Some(width(row.get(i)?))).max().unwrap_or(0);
     let mut widths: Vec<usize> = (0..columns).map(widest).collect();
     if columns > NAMES {
         let taken: usize = widths.iter().sum::<usize>() + GAP.len() * (columns - 1);

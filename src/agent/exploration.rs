@@ -33,19 +33,6 @@ fn once() -> u32 {
 }
 
 impl Exploration {
-    /// The most steps in a row for which a random action is taken, at least 1.
-    pub(crate) fn repeat(&self) -> u32 {
-        match *self {
-            Self::PerEpisode { repeat, .. } | Self::Linear { repeat, .. } => repeat,
-        }
-    }
-
-    pub(crate) fn initial_epsilon(&self) -> f64 {
-        match *self {
-            Self::PerEpisode { initial, .. } | Self::Linear { initial, .. } => initial,
-        }
-    }
-
     pub(crate) fn after_step(&self, epsilon: f64, env_steps: u64) -> f64 {
         match *self {
             Self::PerEpisode { .. } => epsilon,
@@ -79,7 +66,8 @@ pub struct EpsilonGreedy {
 
 impl EpsilonGreedy {
     pub fn new(schedule: Exploration, rng: Rng) -> Self {
-        Self { schedule, epsilon: schedule.initial_epsilon(), rng, held: (0, 0) }
+        let (Exploration::PerEpisode { initial, .. } | Exploration::Linear { initial, .. }) = schedule;
+        Self { schedule, epsilon: initial, rng, held: (0, 0) }
     }
 
     /// A random action, or none if the greedy action is to be taken.
@@ -92,7 +80,7 @@ impl EpsilonGreedy {
             return None;
         }
         let action = self.rng.below(num_actions as u64) as usize;
-        let repeat = self.schedule.repeat();
+        let (Exploration::PerEpisode { repeat, .. } | Exploration::Linear { repeat, .. }) = self.schedule;
         if repeat > 1 {
             self.held = (action, zeta(&mut self.rng, repeat) - 1);
         }

@@ -60,9 +60,7 @@ impl Policy {
     pub(crate) fn shape(&self) -> String {
         match self {
             Self::Network(network) => format!("layers {:?}", network.sizes()),
-            Self::Table(table) => {
-                format!("a table of {:?} cells with {} actions", table.bins(), table.num_actions())
-            }
+            Self::Table(q) => format!("a table of {:?} cells with {} actions", q.bins(), q.num_actions()),
         }
     }
 
@@ -105,8 +103,7 @@ impl Greedy {
         }
     }
 
-    /// The same policy of an agent that was trained on rewards times `reward_scale`. It changes no action: only the
-    /// Q-values that are shown are divided by the scale, not the weights, whose rounding could decide between two actions.
+    /// The same policy, trained on rewards times `reward_scale`: only the Q-values shown are divided by it, no action changes.
     #[must_use]
     pub(crate) fn with_reward_scale(self, reward_scale: f64) -> Self {
         Self { reward_scale, ..self }

@@ -27,7 +27,6 @@ pub struct LayerKinds {
 
 impl LayerKinds {
     pub(super) const RIGHT: Self = Self { hidden: Activation::Relu, output: Activation::Nothing };
-    /// How many there are.
     pub(super) const COUNT: usize = 81;
 
     pub(super) fn index(self) -> usize {

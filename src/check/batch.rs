@@ -24,7 +24,6 @@ pub struct BatchVerdict {
     pub unseen: Vec<String>,
 }
 
-/// What a row is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Row {
     Step,
@@ -146,8 +145,7 @@ struct Rows<'a> {
 
 impl<'a> Rows<'a> {
     fn of(update: &'a Update) -> Self {
-        let rows =
-            |matrix: &DMatrix<f64>| matrix.row_iter().map(|row| row.iter().copied().collect()).collect();
+        let rows = |all: &DMatrix<f64>| all.row_iter().map(|row| row.iter().copied().collect()).collect();
         Self { update, s: rows(&update.batch.observations), next: rows(&update.batch.next_observations) }
     }
 
@@ -240,8 +238,7 @@ impl<'a> Rows<'a> {
 
     fn kinds(&self, physics: &Physics) -> Vec<Row> {
         let has_blank_ends = self.has_blank_ends();
-        let exact =
-            |from: &[f64], action: usize, to: &[f64]| physics.leads(from, action, to, |x| physics.off(x));
+        let exact = |s: &[f64], action, next: &[f64]| physics.leads(s, action, next, |x| physics.off(x));
         let actions = &self.update.batch.actions;
         let any = |from: &[f64], to: &[f64]| (0..self.actions()).find(|&action| exact(from, action, to));
         let kind = |i: usize| {
@@ -289,8 +286,7 @@ impl<'a> Rows<'a> {
             if reached.len() * actions.len() > MAX_SEQUENCES {
                 return None;
             }
-            let stepped =
-                |state| actions.clone().filter_map(move |action| physics.id.step_from(state, action));
+            let stepped = |state| actions.clone().filter_map(move |one| physics.id.step_from(state, one));
             reached = reached.iter().flat_map(|state| stepped(state)).map(|(next, _)| next).collect();
             // An error grows by less than two with every step.
             let off = |x: f64| physics.off(x) * 2.0_f64.powi(step + 2);
@@ -324,11 +320,9 @@ impl<'a> Rows<'a> {
             judged.facts.push(format!("s′ of {blank} ends is a constant, which no target uses"));
         }
         // A wrapper may number the actions otherwise.
-        let renumbered = |i: usize| match kinds[i] {
-            Row::StepWith(other) => {
-                (0..size).all(|j| actions[j] != actions[i] || kinds[j] == Row::StepWith(other))
-            }
-            kind => kind == Row::Step && (0..size).all(|j| actions[j] != actions[i] || kinds[j] == Row::Step),
+        let renumbered = |i: usize| {
+            matches!(kinds[i], Row::Step | Row::StepWith(_))
+                && (0..size).all(|j| actions[j] != actions[i] || kinds[j] == kinds[i])
         };
         let used = (0..self.actions()).filter(|action| actions.contains(action)).count();
         if !others.is_empty() && used == self.actions() && (0..size).all(renumbered) {
@@ -371,8 +365,7 @@ impl<'a> Rows<'a> {
         };
         let is_single = |i: usize| (batch.discounts[i] - self.update.settings.gamma).abs() < 1e-6;
         let outcome = |i: usize| Some((i, physics.id.step_from(&self.s[i], stored_with(i)?)?.1));
-        let steps: Vec<(usize, Outcome)> =
-            (0..self.size()).filter(|&i| is_single(i)).filter_map(outcome).collect();
+        let steps: Vec<_> = (0..self.size()).filter(|&i| is_single(i)).filter_map(outcome).collect();
         if steps.is_empty() {
             return;
         }
@@ -455,8 +448,7 @@ impl<'a> Rows<'a> {
     fn judge_rewards(&self, physics: &Physics, steps: &[(usize, Outcome)], judged: &mut BatchVerdict) {
         let rewards = &self.update.batch.rewards;
         let name = physics.id.spec().id;
-        let differing: Vec<_> =
-            steps.iter().filter(|(i, outcome)| !is_near(rewards[*i], outcome.reward)).collect();
+        let differing: Vec<_> = steps.iter().filter(|(i, step)| !is_near(rewards[*i], step.reward)).collect();
         let Some(&&(first, outcome)) = differing.first() else { return };
         let (count, factor) = (differing.len(), rewards[first] / outcome.reward);
         let is_of_task = |reward: f64| steps.iter().any(|(_, outcome)| outcome.reward == reward);

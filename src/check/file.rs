@@ -26,7 +26,6 @@ const MAX_SQUARE: usize = 1 << 10;
 const MAX_PRODUCTS: usize = 1 << 30;
 /// The network's outputs are the actions; an action is one byte.
 const MAX_ACTIONS: usize = 256;
-/// The metadata's key of the settings.
 const SETTINGS: &str = "settings";
 /// How a file with [`Settings::metadata`] begins, behind the eight bytes of its header's length.
 pub(crate) const START: &[u8] = b"{\"__metadata__\":{\"settings\":";
@@ -333,10 +332,9 @@ impl Remaining<'_> {
         let target_after = network("result.target.")?;
         let batch = self.batch(batch_size, inputs, outputs, settings.gamma)?;
         let adam = self.moments(&sizes, moments, &settings)?;
+        let q = self.result("result.q", &[batch_size, outputs])?;
         let results = Results {
-            q: self
-                .result("result.q", &[batch_size, outputs])?
-                .map(|q| DMatrix::from_row_slice(batch_size, outputs, &q)),
+            q: q.map(|q| DMatrix::from_row_slice(batch_size, outputs, &q)),
             targets: self.targets(batch_size)?,
             loss: self.result("result.loss", &[])?.map(|loss| loss[0]),
             gradients,
@@ -362,7 +360,6 @@ impl Remaining<'_> {
         self.optional(name, |file, name| file.take(name, shape))
     }
 
-    /// The layer sizes of the online network.
     fn sizes(&self) -> Result<Vec<usize>, String> {
         let mut sizes: Vec<usize> = Vec::new();
         loop {
@@ -506,8 +503,7 @@ impl Remaining<'_> {
         let Some(view) = self.views.remove(name) else {
             return Err(missing(name, &described()));
         };
-        let has_shape =
-            view.shape().strip_prefix(shape).is_some_and(|rest| rest.iter().all(|&length| length == 1));
+        let has_shape = view.shape().strip_prefix(shape).is_some_and(|rest| rest.iter().all(|&n| n == 1));
         numbers(&view).filter(|_| has_shape).ok_or_else(|| wrong(name, &view, &described()))
     }
 }

@@ -159,14 +159,13 @@ impl Search<'_> {
         let batch = &self.update.batch;
         let size = batch.rewards.len();
         let is = |fits: &dyn Fn(usize) -> bool| (0..size).filter(|&i| fits(i)).eq(differing.iter().copied());
+        let has_ended = |i: usize| batch.terminated[i] || batch.is_truncated(i);
         let kinds: [(&str, &dyn Fn(usize) -> bool); 5] = [
             ("that terminated", &|i| batch.terminated[i]),
             ("that were truncated", &|i| batch.is_truncated(i)),
-            ("that terminated or were truncated", &|i| batch.terminated[i] || batch.is_truncated(i)),
+            ("that terminated or were truncated", &has_ended),
             ("that did not terminate", &|i| !batch.terminated[i]),
-            ("that neither terminated nor were truncated", &|i| {
-                !(batch.terminated[i] || batch.is_truncated(i))
-            }),
+            ("that neither terminated nor were truncated", &|i| !has_ended(i)),
         ];
         let kind = kinds.iter().find(|(_, fits)| is(fits)).map(|(kind, _)| (*kind).to_owned());
         let actions = 0..self.update.online.sizes()[self.update.online.num_layers()];
@@ -229,15 +228,13 @@ impl Search<'_> {
     pub(super) fn is_dueling_over_batch(&self, ours: &[Number], theirs: &[f64]) -> bool {
         let rows = self.update.batch.rewards.len();
         let columns = ours.len() / rows;
-        let differences: Vec<f64> =
-            ours.iter().zip(theirs).map(|(ours, theirs)| theirs - ours.value).collect();
+        let differences: Vec<_> = ours.iter().zip(theirs).map(|(ours, theirs)| theirs - ours.value).collect();
         let scale = differences.iter().fold(0.0_f64, |most, difference| most.max(difference.abs()));
         let tolerance =
             ours.iter().map(Number::tolerance).fold(8.0 * self.update.rounding_unit * scale, f64::max);
         let at = |row: usize, column: usize| differences[column * rows + row];
-        let of_row: Vec<f64> = (0..rows)
-            .map(|row| (0..columns).map(|column| at(row, column)).sum::<f64>() / columns as f64)
-            .collect();
+        let of_row = |row: usize| (0..columns).map(|column| at(row, column)).sum::<f64>() / columns as f64;
+        let of_row: Vec<f64> = (0..rows).map(of_row).collect();
         let of_column = |column: usize| (0..rows).map(|row| at(row, column)).sum::<f64>() / rows as f64;
         let mean = of_row.iter().sum::<f64>() / rows as f64;
         let is_sum = |column: usize| {

@@ -132,7 +132,6 @@ impl Mistake {
     }
 }
 
-/// Puts the optimiser of a variant in the place of another one.
 fn optimize(variant: &mut Variant, optimizer: Optimizer, momentum: f64) {
     (variant.optimizer, variant.settings.momentum, variant.buffer_scale) = (optimizer, momentum, 1.0);
 }

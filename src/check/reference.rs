@@ -39,7 +39,6 @@ pub struct Targets {
     slopes: Vec<f64>,
 }
 
-/// The loss and its derivatives.
 pub struct LossOf {
     pub value: Number,
     /// ∂L/∂Q(s, ·)

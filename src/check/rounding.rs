@@ -14,7 +14,6 @@ pub(super) const SAFETY: f64 = 16.0;
 /// A number with the variance of its rounding error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Number {
-    /// The number in f64.
     pub value: f64,
     pub(crate) variance: f64,
 }

@@ -333,7 +333,6 @@ impl Search<'_> {
         first.filter(|_| second.is_none()).map(|(_, name)| name)
     }
 
-    /// Whether a hypothesis gives their numbers.
     pub(super) fn reproduces(&self, hypothesis: &Hypothesis, stage: Stage) -> bool {
         self.theirs(stage).is_none_or(|theirs| all_agree(&self.compute(hypothesis, stage), theirs))
     }
@@ -354,12 +353,11 @@ impl Search<'_> {
             // The norm is that of all layers.
             let clipping = if is_norm { Clipping::Nothing } else { variant.clipping };
             let gradients = self.reference.changed(&Variant { clipping, ..*variant }, raw);
+            let theirs = &theirs[first..];
             let agrees = match stage {
-                Stage::Weights => {
-                    all_agree(&self.reference.weights(variant, &gradients, first), &theirs[first..])
-                }
-                _ if is_norm => self.could_be_shortened(&gradients[first..], &theirs[first..]),
-                _ => all_agree(&gradients[first..], &theirs[first..]),
+                Stage::Weights => all_agree(&self.reference.weights(variant, &gradients, first), theirs),
+                _ if is_norm => self.could_be_shortened(&gradients[first..], theirs),
+                _ => all_agree(&gradients[first..], theirs),
             };
             if !agrees || (last == 0 && !is_norm) {
                 return Ok(agrees);

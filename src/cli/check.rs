@@ -214,13 +214,10 @@ fn settings(update: &Update) -> String {
 fn state(quantity: &Judged, verdict: &Verdict) -> String {
     let difference = quantity.largest_relative_difference.unwrap_or(0.0);
     let mut above = verdict.quantities.iter().take_while(|other| other.name != quantity.name);
-    let is_given =
-        above.any(|other| matches!(other.state, QuantityState::Explained | QuantityState::Different));
+    let is_given = above.any(|one| matches!(one.state, QuantityState::Explained | QuantityState::Different));
     let given = if is_given { " given the above" } else { "" };
-    let differing = match quantity.numbers {
-        1 => String::new(),
-        numbers => format!(", {} of {numbers}", quantity.differing),
-    };
+    let all = quantity.numbers;
+    let differing = if all == 1 { String::new() } else { format!(", {} of {all}", quantity.differing) };
     let difference = format!("(largest relative difference {difference:.1e})");
     let differs = format!("DIFFERENT{given}{differing} {difference}");
     match quantity.state {

@@ -279,8 +279,7 @@ impl<'a> Task<'a> {
 
     fn describe(&self, score: &Score, played: &[Played], solved: Option<bool>) -> String {
         let Score { episodes, mean, std, .. } = score;
-        let [min, median, max] =
-            [score.min, score.median, score.max].map(|value| (value * 100.0).round() / 100.0);
+        let [min, median, max] = [score.min, score.median, score.max].map(|x| (x * 100.0).round() / 100.0);
         let interval = score.interval().map_or(String::new(), |half| format!(" ± {half:.2} (95 % interval)"));
         let (seed, max_steps, task) = (self.arguments.seed, self.max_steps, &self.spec);
         let full = played.iter().filter(|episode| episode.steps >= u64::from(max_steps)).count();

@@ -180,8 +180,7 @@ fn step(explained: &ExplainedUpdate) -> String {
         is_shortened.map_or(String::new(), |max| format!(", shortened to max_gradient_norm {max}"));
     let (loss, size, length) = (number(explained.loss), explained.targets.len(), number(whole as f32));
     let mut text = format!("\nloss       {loss}, the mean of {size}\ngradient   norm {length}{shortened}\n");
-    let moves =
-        |old: &[f32], new: &[f32]| old.iter().zip(new).map(|(old, new)| new - old).collect::<Vec<_>>();
+    let moves = |old: &[f32], new: &[f32]| old.iter().zip(new).map(|(a, b)| b - a).collect::<Vec<_>>();
     for layer in 0..old.num_layers() {
         let step = moves(old.layer(layer), new.layer(layer));
         let norms = [gradient.layer(layer), &step, old.layer(layer)];

@@ -198,8 +198,7 @@ fn train(arguments: &StudyArguments, dir: &StudyDir, shard: Shard) -> Result<Cou
     let signals = Signals::listen(false);
     arguments.time_limit.map_or(Ok(()), |limit| signals.stop_after(limit))?;
     let mut progress = TrialProgress::new(study, counts, arguments.quiet);
-    let ended =
-        dir.run(&pending, &Config::make, arguments.jobs(), &signals.stop, |ended| progress.show(ended));
+    let ended = dir.run(&pending, &Config::make, arguments.jobs(), &signals.stop, |one| progress.show(one));
     progress.bar.finish_and_clear();
     ended?;
     dir.tidy()?;

@@ -124,8 +124,7 @@ fn combinations(vary: &[Variation], limit: usize) -> Result<Vec<Vec<String>>, Fa
             return Err(Failure::BadInput(format!("--vary makes more than {MAX_CONFIGS} configs")));
         }
         let with = |product: &[String], value| [product, &[format!("{key}={value}")]].concat();
-        let extend =
-            |product: &Vec<String>| values.iter().map(|value| with(product, value)).collect::<Vec<_>>();
+        let extend = |product: &Vec<String>| values.iter().map(|one| with(product, one)).collect::<Vec<_>>();
         products = products.iter().flat_map(extend).collect();
     }
     Ok(products)

@@ -41,8 +41,7 @@ const ALIASES: &[(&str, &[&str])] = &[
     ("env", &["environment={}"]),
 ];
 
-/// What a word means here, whether it is an option of another program or the name of a key: a list of settings for each meaning,
-/// with `{}` in the place of the value. `value` decides between meanings where only some allow it.
+/// What a key or another program's option means here: settings for each meaning that admits `value`, with `{}` for it.
 pub(crate) fn meanings(word: &str, value: &Value) -> Vec<Vec<String>> {
     let own = |key: &Key| vec![format!("{}={{}}", key.path)];
     let known = normalised(word);
@@ -105,10 +104,8 @@ fn nearest(key: &str) -> Option<&'static str> {
     };
     let words = ALIASES.iter().map(|(word, _)| (0.9 * like(&normalised(last(key)), word), *word));
     let known = KEYS.iter().map(|known| likeness(known.path)).chain(words);
-    known
-        .filter(|(likeness, _)| key.len() <= MAX_LENGTH && *likeness > 0.65)
-        .max_by(|(a, _), (b, _)| a.total_cmp(b))
-        .map(|(_, word)| word)
+    let alike = known.filter(|(likeness, _)| key.len() <= MAX_LENGTH && *likeness > 0.65);
+    alike.max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, word)| word)
 }
 
 fn last(path: &str) -> &str {

@@ -38,7 +38,6 @@ impl<'de> Deserialize<'de> for EnvironmentConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ProgramConfig {
-    /// The program and its arguments.
     pub(crate) command: Vec<String>,
     /// In how many processes at the same time evaluations are played.
     pub(crate) processes: u32,

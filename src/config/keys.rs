@@ -19,7 +19,6 @@ use crate::trainer::Budget;
 /// The key of an environment, and what those of a program begin with.
 pub(super) const ENVIRONMENT: &str = "environment";
 
-/// A line of [`KEYS`].
 pub(super) struct Key {
     /// `group.name`.
     pub(super) path: &'static str,
@@ -208,9 +207,7 @@ impl Allowed {
             Self::LayerSizes => value.as_array().is_some_and(|sizes| {
                 sizes.len() <= 16 && sizes.iter().all(|size| Self::Integer(1, 4096).admits(size))
             }),
-            Self::PerCoordinate(allowed) => {
-                value.as_array().is_some_and(|values| values.iter().all(|value| allowed.admits(value)))
-            }
+            Self::PerCoordinate(one) => value.as_array().is_some_and(|all| all.iter().all(|x| one.admits(x))),
             Self::Bins => match value.as_array() {
                 Some(edges) => edges.len() < MAX_BINS && edges.iter().all(|edge| EDGE.admits(edge)),
                 None => BINS.admits(value),
@@ -279,9 +276,7 @@ impl fmt::Display for Allowed {
             Self::LayerSizes => {
                 write!(f, "a list of at most 16 integers, each from 1 to 4096, such as [24, 24]")
             }
-            Self::PerCoordinate(allowed) => {
-                write!(f, "a list with {allowed} for each observation coordinate")
-            }
+            Self::PerCoordinate(one) => write!(f, "a list with {one} for each observation coordinate"),
             Self::Bins => write!(f, "{BINS} or a list of edges, in ascending order"),
             Self::Object(keys) => write!(f, "{keys}"),
             Self::OrNull(allowed) => write!(f, "null or {allowed}"),

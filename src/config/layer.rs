@@ -156,10 +156,8 @@ pub(super) fn choose(group: &str, alternatives: &[Choice], layers: &[Layer]) -> 
 
 /// What a layer sets below a group.
 pub(super) fn members_of(group: &str, layer: &BTreeMap<String, Value>) -> Map<String, Value> {
-    layer
-        .iter()
-        .filter_map(|(path, value)| Some((member_of(path, group)?.to_owned(), value.clone())))
-        .collect()
+    let member = |(path, value): (&String, &Value)| Some((member_of(path, group)?.into(), value.clone()));
+    layer.iter().filter_map(member).collect()
 }
 
 /// Writes the keys of an alternative and its name, for messages: `{"kind": "hard", "every_steps"}`.

@@ -143,13 +143,11 @@ pub enum ConfigError {
 }
 
 impl Config {
-    /// The default with another agent.
     fn with_agent(name: &str) -> Self {
         Self::default_of(name, &json!(Self::default().environment))
     }
 
-    /// The default with another agent and another task. What the task or the agent cannot have is left out: a
-    /// mirror image that the task lacks, the test of a policy that lasts where an episode is meant to end.
+    /// The default with another agent and task, without what they cannot have: a mirror image, the test of a lasting policy.
     fn default_of(agent: &str, environment: &Value) -> Self {
         let (mut config, mut dqn) = (Self::default(), dqn::default());
         if *environment != json!(config.environment) {
@@ -164,8 +162,7 @@ impl Config {
         config
     }
 
-    /// Merges the defaults, a file (its name for messages, and its text) and the `key.path=value`s of `--set`, which
-    /// together are one layer. A value is JSON if it parses as JSON, or else a string.
+    /// Merges the defaults, a file (its name for messages, its text) and one layer of `--set`'s `key.path=value`s, JSON or text.
     pub fn from_layers(file: Option<(&str, &str)>, sets: &[String]) -> Result<Self, ConfigError> {
         Self::variation(file, sets, &[])
     }

@@ -10,8 +10,7 @@ use crate::nn::LearningRate;
 /// Most memory of a table, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// A few cells for the cart and the pole: where the cart is does not count. The rest is as in the default of a DQN, apart
-/// from the learning rate: Adam's would move a table's values hardly at all.
+/// A few cells; where the cart is does not count. The rest is as in a DQN, but for the learning rate, Adam's being too small.
 pub(super) fn default(dqn: &DqnConfig) -> AgentConfig {
     AgentConfig::QTable(QTableConfig {
         table: TableConfig {

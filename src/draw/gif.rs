@@ -100,8 +100,7 @@ impl Palette {
         for (second, first) in pairs {
             let channels = |i: usize| [first, second].map(|color| u16::from(self.colors[color][i]));
             for part in 1..PARTS {
-                let mixed =
-                    |[first, second]: [u16; 2]| (first * (PARTS - part) + second * part + PARTS / 2) / PARTS;
+                let mixed = |[a, b]: [u16; 2]| (a * (PARTS - part) + b * part + PARTS / 2) / PARTS;
                 entries.extend([0, 1, 2].map(|i| mixed(channels(i)) as u8));
             }
         }

@@ -77,30 +77,25 @@ impl Directory {
     }
 
     pub(crate) fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        let parent = self.parent_of(to)?;
-        system::rename(&parent.handle, from, to)
+        system::rename(&self.parent_of(to)?.handle, from, to)
     }
 
     pub(crate) fn hard_link(&self, from: &Path, to: &Path) -> io::Result<()> {
-        let parent = self.parent_of(to)?;
-        system::hard_link(&parent.handle, from, to)
+        system::hard_link(&self.parent_of(to)?.handle, from, to)
     }
 
     /// Removes a file; of a link the link.
     pub fn remove_file(&self, path: &Path) -> io::Result<()> {
-        let parent = self.parent_of(path)?;
-        system::remove(&parent.handle, path, false)
+        system::remove(&self.parent_of(path)?.handle, path, false)
     }
 
     pub(crate) fn remove_dir(&self, path: &Path) -> io::Result<()> {
-        let parent = self.parent_of(path)?;
-        system::remove(&parent.handle, path, true)
+        system::remove(&self.parent_of(path)?.handle, path, true)
     }
 
     /// Makes the names in the directory of a file last.
     pub(crate) fn sync_names(&self, path: &Path) -> io::Result<()> {
-        let parent = self.parent_of(path)?;
-        system::sync(&parent.handle)
+        system::sync(&self.parent_of(path)?.handle)
     }
 
     /// Whether an open file is still the one at that path: before this process had locked it, another may have replaced it.

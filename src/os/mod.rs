@@ -3,20 +3,11 @@
 
 use std::io;
 
-#[cfg(unix)]
-mod unix;
-#[cfg(unix)]
-pub(crate) use unix::*;
-
-#[cfg(windows)]
-mod windows;
-#[cfg(windows)]
-pub(crate) use windows::*;
-
-#[cfg(target_family = "wasm")]
-mod wasm;
-#[cfg(target_family = "wasm")]
-pub(crate) use wasm::*;
+#[cfg_attr(unix, path = "unix.rs")]
+#[cfg_attr(windows, path = "windows.rs")]
+#[cfg_attr(target_family = "wasm", path = "wasm.rs")]
+mod system;
+pub(crate) use system::*;
 
 /// Systems on which nothing can be reached relative to an open directory.
 #[cfg(not(unix))]

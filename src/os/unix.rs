@@ -94,8 +94,7 @@ pub(crate) mod directory {
         })
     }
 
-    /// Makes an open file one that no other process of this program writes. The error is [`io::ErrorKind::WouldBlock`] where
-    /// another one has it. A file system without locks is no reason to refuse.
+    /// Locks an open file, or is [`io::ErrorKind::WouldBlock`] where another process has it. A file system may have no locks.
     pub(crate) fn lock(file: &File) -> io::Result<()> {
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => Err(io::ErrorKind::WouldBlock.into()),

@@ -75,6 +75,7 @@ impl Comparison {
     /// The sentence: the verdict, and the two intervals that it follows from.
     fn said(&self, seeds: usize) -> String {
         let [config, against] = &self.labels;
+        let both = format!("{config} and {against}");
         let interval = |estimate: &Estimate, digits: usize, equal: f64| {
             let place = if side(estimate, equal) == Some(0) { "contains" } else { "excludes" };
             format!("{} {place} {equal}", shown(estimate, digits))
@@ -86,16 +87,14 @@ impl Comparison {
             ComparisonVerdict::Better => format!("{config} is better than {against}: {intervals}"),
             ComparisonVerdict::Worse => format!("{against} is better than {config}: {intervals}"),
             ComparisonVerdict::NoDifferenceShown => {
-                format!("no difference shown between {config} and {against}: {intervals}")
+                format!("no difference shown between {both}: {intervals}")
             }
             ComparisonVerdict::Mixed => {
-                format!("{config} and {against} differ, and neither is better throughout: {intervals}")
+                format!("{both} differ, and neither is better throughout: {intervals}")
             }
-            ComparisonVerdict::OtherTask => {
-                format!("nothing shown of {config} and {against}: they play different tasks")
-            }
+            ComparisonVerdict::OtherTask => format!("nothing shown of {both}: they play different tasks"),
             ComparisonVerdict::TooFewSeeds => format!(
-                "nothing shown of {config} and {against}: an interval takes {LEAST_SEEDS} seeds of both, and there are {seeds}"
+                "nothing shown of {both}: an interval takes {LEAST_SEEDS} seeds of both, and there are {seeds}"
             ),
         }
     }

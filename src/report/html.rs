@@ -270,12 +270,9 @@ fn keys(settings: &[[String; 4]]) -> String {
 }
 
 fn config_file(title: &str, config: &Value) -> String {
-    let text = format!("{config:#}");
-    format!(
-        "<details>\n<summary>{}</summary>\n<pre>{}</pre>\n</details>\n",
-        escaped(title),
-        text.lines().map(escaped).collect::<Vec<_>>().join("\n")
-    )
+    let (title, text) = (escaped(title), format!("{config:#}"));
+    let text = text.lines().map(escaped).collect::<Vec<_>>().join("\n");
+    format!("<details>\n<summary>{title}</summary>\n<pre>{text}</pre>\n</details>\n")
 }
 
 fn assembled(title: &str, subtitle: &str, sections: &str, data: &Value) -> String {

@@ -14,12 +14,11 @@ const FOLDED_FROM: usize = 4;
 
 /// A plot in two sizes; the style sheet shows one of them.
 pub(super) fn figure(draw: impl Fn(Layout) -> Plot) -> String {
-    let wide = draw(Layout::WIDE);
+    let (wide, narrow) = (draw(Layout::WIDE), draw(Layout::NARROW).finish());
+    let (caption, wide) = (wide.caption(), wide.finish());
     format!(
-        "<figure class=\"plot\">\n<figcaption>{}</figcaption>\n<div class=\"wide\">{}</div>\n<div class=\"narrow\">{}</div>\n</figure>\n",
-        wide.caption(),
-        wide.finish(),
-        draw(Layout::NARROW).finish()
+        "<figure class=\"plot\">\n<figcaption>{caption}</figcaption>\n<div class=\"wide\">{wide}</div>\n\
+         <div class=\"narrow\">{narrow}</div>\n</figure>\n"
     )
 }
 

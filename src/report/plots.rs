@@ -144,11 +144,8 @@ fn compare(StudyReport { configs, comparisons, .. }: &StudyReport, layout: Layou
     let (what, label, rows): (_, _, Vec<(&String, &Estimate)>) = match comparisons.first() {
         Some(super::comparison::Comparison { labels: [_, against], .. }) => {
             let what = format!("Difference of the final IQMs from {against}");
-            (
-                what,
-                "difference of the mean return",
-                comparisons.iter().map(|c| (&c.labels[0], &c.iqm_difference)).collect(),
-            )
+            let rows = comparisons.iter().map(|config| (&config.labels[0], &config.iqm_difference));
+            (what, "difference of the mean return", rows.collect())
         }
         None => {
             let rows = configs.iter().map(|config| (&config.label, &config.final_iqm));

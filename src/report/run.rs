@@ -260,9 +260,7 @@ fn first_move(name: &str, samples: &[(u64, f64)], start: u64, end: u64) -> Optio
 }
 
 fn statements(report: &RunReport, task: &Spec, has_statistics: bool) -> Vec<String> {
-    let at = |evaluation: &Evaluation| {
-        format!("mean return {:.1} at step {}", evaluation.mean, evaluation.env_steps)
-    };
+    let at = |one: &Evaluation| format!("mean return {:.1} at step {}", one.mean, one.env_steps);
     let RunReport { evaluations, best, final_, .. } = report;
     let mut said = vec![match (report.solved_at_step, &report.retention) {
         (Some(step), Some(Retention { solved, .. })) => format!(

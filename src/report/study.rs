@@ -90,18 +90,14 @@ fn warnings(manifest: &study::Study, configs: &[ConfigReport], labels: &Labels) 
     };
     for (name, label) in labels {
         let finished = configs.iter().find(|config| config.name == *name).map_or(0, |config| config.seeds);
-        if finished < seeds {
-            let note = format!(
-                "{finished} of {seeds} seeds are finished; the study's command, given again, trains the rest"
-            );
-            add(note, label.as_str());
-        }
-        if (1..LEAST_SEEDS).contains(&finished) {
-            let note = format!(
-                "{finished} seeds are fewer than {LEAST_SEEDS}; an interval over so few would mislead, so there is none"
-            );
-            add(note, label.as_str());
-        }
+        let rest = format!(
+            "{finished} of {seeds} seeds are finished; the study's command, given again, trains the rest"
+        );
+        let few = format!(
+            "{finished} seeds are fewer than {LEAST_SEEDS}; an interval over so few would mislead, so there is none"
+        );
+        let all = [(finished < seeds, rest), ((1..LEAST_SEEDS).contains(&finished), few)];
+        all.into_iter().filter(|(is_so, _)| *is_so).for_each(|(_, note)| add(note, label.as_str()));
     }
     let all = manifest.configs.len();
     let sentence = |(note, names): &(String, Vec<&str>)| match names.len() {

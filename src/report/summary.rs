@@ -150,8 +150,7 @@ pub(super) fn config_report(Group { name, task, outcomes }: &Group) -> ConfigRep
     let (final_solved, best_solved) = (solved(&finals), solved(&bests));
     let longest = outcomes.iter().max_by_key(|outcome| outcome.steps.last());
     let grid: &[u64] = longest.map_or(&[], |outcome| &outcome.steps);
-    let curve =
-        |outcome: &TrialOutcome| grid.iter().map(|&step| outcome.value_at(step, task)).collect::<Vec<_>>();
+    let curve = |of: &TrialOutcome| grid.iter().map(|&step| of.value_at(step, task)).collect::<Vec<_>>();
     let areas = sorted(outcomes.iter().map(|outcome| history::area_under_curve(grid, &curve(outcome))));
     ConfigReport {
         name: name.clone(),
@@ -210,8 +209,7 @@ fn lasting(outcomes: &[TrialOutcome]) -> Option<Lasting> {
 }
 
 fn retention(task: &Spec, outcomes: &[TrialOutcome]) -> ConfigRetention {
-    let retained =
-        |outcome: &TrialOutcome| Some((outcome.seed, history::retention(&outcome.evaluations(), task)?));
+    let retained = |one: &TrialOutcome| Some((one.seed, history::retention(&one.evaluations(), task)?));
     let kept: Vec<(u64, Retention)> = outcomes.iter().filter_map(retained).collect();
     let judged = kept.iter().filter(|(_, kept)| kept.evaluations > 0);
     let shares: Vec<f64> = judged.map(|(_, kept)| kept.solved as f64 / kept.evaluations as f64).collect();
@@ -247,8 +245,7 @@ fn learning_curve(task: &Spec, grid: &[u64], outcomes: &[TrialOutcome]) -> Vec<C
     thread::scope(|scope| {
         let points = |part: &[u64]| part.iter().map(point).collect::<Vec<_>>();
         let threads: Vec<_> = parts.map(|part| scope.spawn(move || points(part))).collect();
-        let joined =
-            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        let joined = threads.into_iter().map(|part| part.join().unwrap_or_else(|panic| resume_unwind(panic)));
         joined.flatten().collect()
     })
 }

@@ -321,10 +321,8 @@ fn ticks((low, high): (f64, f64), most: f64) -> Vec<f64> {
     let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
     let count = (last - first).clamp(-1.0, most + 1.0) as i64 + 1;
     // A multiple can lie outside by a rounding error, and two can be the same number.
-    let mut ticks: Vec<f64> = (0..count)
-        .map(|i| ((first + i as f64) * step).max(low).min(high))
-        .filter(|tick| tick.is_finite())
-        .collect();
+    let tick = |i: i64| ((first + i as f64) * step).max(low).min(high);
+    let mut ticks: Vec<f64> = (0..count).map(tick).filter(|tick| tick.is_finite()).collect();
     ticks.dedup();
     ticks
 }

@@ -78,8 +78,7 @@ pub(super) fn tables(report: &StudyReport) -> Vec<Table> {
             &["10 %", "50 %", "90 %", "none", "area"],
             &|c| {
                 let StepsToSolve { q10, q50, q90, never, .. } = c.steps_to_solve;
-                let steps =
-                    |steps: Option<u64>| steps.map_or_else(|| "never".into(), |steps| steps.to_string());
+                let steps = |steps: Option<u64>| steps.map_or_else(|| "never".into(), |n| n.to_string());
                 let [q10, q50, q90] = [q10, q50, q90].map(steps);
                 Some(vec![q10, q50, q90, never.to_string(), shown(&c.area_under_curve, 1)])
             },

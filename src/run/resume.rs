@@ -74,9 +74,8 @@ fn save(trainer: &mut Trainer, recorder: &mut dyn Observer) -> Result<(), RunErr
 
 /// Gives a run before its first step the weights of a policy; returns the copy that the run keeps to be resumed and verified.
 fn start_from(path: &Path, trainer: &mut Trainer) -> Result<Checkpoint, RunError> {
-    let policy = Checkpoint::read(path)?
-        .policy(trainer.spec())
-        .map_err(|problem| CheckpointError { path: path.to_owned(), problem })?;
+    let policy = Checkpoint::read(path)?.policy(trainer.spec());
+    let policy = policy.map_err(|problem| CheckpointError { path: path.to_owned(), problem })?;
     let own = trainer.agent().policy();
     let (found, wanted) = (policy.shape(), own.shape());
     if found != wanted {
@@ -112,9 +111,8 @@ pub(crate) fn first_step(run: &RunDir, config: &Config) -> Result<(Trainer, Opti
     Ok((trainer, init))
 }
 
-/// Takes the run in a directory back to its latest good checkpoint, with everything that it has written since then cut
-/// off. `sets` may change its budget, its schedules and `stop_when_lasting_steps` to null. Nothing is changed on bad input.
-/// `permit` may allow the environment to start a program, or else says why not.
+/// Takes a run back to its latest good checkpoint and cuts off what came since. `sets` may change its budget, its schedules
+/// and `stop_when_lasting_steps` to null. `permit` allows its program, or says why not. Bad input changes nothing.
 pub fn resume(
     path: &Path, sets: &[String], permit: impl FnOnce(&mut EnvironmentConfig) -> Result<(), String>,
 ) -> Result<Resumed, RunError> {
@@ -198,8 +196,7 @@ fn schedules(config: &Config) -> (LearningRate, Exploration) {
     (config.agent.learning_rate(), config.agent.exploration())
 }
 
-/// What the user should know of schedules that end, or have ended, before the run does. That ε stays at its last value is
-/// worth a word only where the run becomes longer than it was planned.
+/// What the user should know of schedules that end before the run does; of ε only where the run is longer than planned.
 fn schedules_that_have_ended(config: &Config, env_steps: u64, is_extended: bool) -> Vec<String> {
     let end = if let Budget::Steps(steps) = config.budget { steps } else { env_steps };
     let mut notes = Vec::new();
@@ -298,9 +295,8 @@ fn latest(run: &RunDir, config: &Config, notes: &mut Vec<String>) -> Result<(Tra
     }
 }
 
-/// The run that a checkpoint was taken of, with another budget and other schedules if the config has others. With other
-/// schedules it is a branch from here on. The checkpoint says which schedules it was trained with: the run's config may already
-/// be that of a process that was killed before it could write a checkpoint of the branch.
+/// The run of a checkpoint, with another budget and other schedules if the config has others: from here on it is a branch.
+/// The checkpoint says with which it was trained: a process that was killed may have written the config of the branch.
 pub fn load(path: &Path, config: &Config) -> Result<Trainer, CheckpointError> {
     let load = || {
         let checkpoint = Checkpoint::read_unnamed(path)?;

@@ -9,9 +9,8 @@ use super::{Study, StudyDir, StudyError, Trial, Unended};
 pub(crate) type MakeFor = dyn Fn(&crate::config::Config) -> Arc<crate::env::Make> + Sync;
 
 impl StudyDir {
-    /// Runs these trials on `jobs` threads, in the environments that `make` gives for the configs, and shows each to `done` when it
-    /// ends. Once `stop` is set, no trial begins, and each unfinished trial writes a checkpoint from which it can be resumed. A trial
-    /// that cannot be written sets it; one that diverges or is stopped is no error.
+    /// Runs these trials on `jobs` threads, in environments of `make`, and shows each to `done`. Once `stop` is set, none begins,
+    /// and unfinished ones write a checkpoint. A trial that cannot be written sets it; one that diverges or stops is no error.
     pub fn run(
         &self, trials: &[(usize, u64)], make: &MakeFor, jobs: usize, stop: &AtomicBool,
         mut done: impl FnMut(&Result<Trial, Unended>),

@@ -86,8 +86,7 @@ impl Study {
 
     /// Every trial of a part as (index of its config, seed). Configs take turns, so that an unfinished study compares them.
     pub fn trials(&self, shard: Shard) -> impl Iterator<Item = (usize, u64)> {
-        let all =
-            self.seeds.clone().flat_map(|seed| (0..self.configs.len()).map(move |config| (config, seed)));
+        let all = self.seeds.clone().flat_map(|seed| (0..self.configs.len()).map(move |i| (i, seed)));
         all.skip(shard.index).step_by(shard.count)
     }
 
@@ -203,10 +202,10 @@ fn read_manifest(path: &Path) -> Result<Value, String> {
 
 /// Whether a new study can take the directory; an error if neither that nor a study is in it.
 fn is_free(path: &Path) -> Result<bool, String> {
-    let entries = if_there(std::fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>));
-    let entries =
-        entries.map_err(|error| format!("cannot be used for a study: {error}; choose another --out"))?;
-    if entries.iter().flatten().all(|entry| is_unfinished(&entry.file_name())) {
+    let found = if_there(std::fs::read_dir(path).and_then(Iterator::collect::<io::Result<Vec<_>>>));
+    let found =
+        found.map_err(|error| format!("cannot be used for a study: {error}; choose another --out"))?;
+    if found.iter().flatten().all(|entry| is_unfinished(&entry.file_name())) {
         Ok(true)
     } else if path.join(MANIFEST).is_file() {
         Ok(false)

@@ -159,8 +159,7 @@ impl StudyDir {
 
     fn read_all(&self, each: &mut Each) -> Result<Reader<'_>, StudyError> {
         let trials = self.path.join(TRIALS);
-        let paths =
-            fs::read_dir(&trials).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
+        let paths = fs::read_dir(&trials).and_then(|all| all.map(|entry| Ok(entry?.path())).collect());
         let paths = if_there(paths).map_err(|error| StudyError::unreadable(&trials, &error))?;
         let mut files: Vec<PathBuf> = paths.unwrap_or_default();
         files.retain(|path| path.extension().is_some_and(|extension| extension == EXTENSION));

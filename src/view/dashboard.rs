@@ -45,9 +45,8 @@ impl Series {
     /// The points in `width` characters, between the smallest and the largest.
     fn sparkline(&self, width: usize) -> String {
         const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
-        let values = || self.points.iter().map(|&(_, y)| y);
-        let (low, high) =
-            (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        let all = || self.points.iter().map(|&(_, y)| y);
+        let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
         let columns = width.min(self.points.len());
         let bar = |column: usize| {
             let range = column * self.points.len() / columns..(column + 1) * self.points.len() / columns;
@@ -197,10 +196,7 @@ impl Dashboard {
     }
 
     fn draw_curve(&self, frame: &mut Frame<'_>, area: Rect) {
-        let last = match self.budget {
-            Budget::Steps(steps) => steps,
-            Budget::Episodes(_) => self.env_steps.max(1),
-        };
+        let last = if let Budget::Steps(steps) = self.budget { steps } else { self.env_steps.max(1) };
         let title = match self.evaluations.latest {
             Some(mean) => format!(" • evaluated {mean:.1}, best {:.1} ", self.best),
             None => " learning curve ".into(),

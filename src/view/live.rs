@@ -172,8 +172,7 @@ impl View {
     }
 }
 
-/// Stops the run when its view is gone, also where the terminal has failed or in a panic: nobody could see or stop the
-/// run any longer. From then on the handlers of signals can end the process: there is no terminal to give back.
+/// Stops the run when its view is gone, even in a panic: nobody could see it. From then on a signal can end the process.
 struct Closed(Interrupts);
 
 impl Drop for Closed {

@@ -11,7 +11,7 @@ fn linear_falls_in_a_straight_line_and_stays() {
 #[test]
 fn per_episode_decays_until_it_is_at_or_below_the_final_value() {
     let schedule = Exploration::PerEpisode { initial: 1.0, final_: 0.3, decay: 0.5, repeat: 1 };
-    let mut epsilon = schedule.initial_epsilon();
+    let mut epsilon = EpsilonGreedy::new(schedule, Rng::from_seed(0)).epsilon;
     let epsilons: Vec<f64> = std::iter::repeat_with(|| {
         epsilon = schedule.after_episode(schedule.after_step(epsilon, 7));
         epsilon

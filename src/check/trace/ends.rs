@@ -6,7 +6,6 @@ use super::{Judgement, counted};
 /// Episodes that are described at the end of a run.
 const LAST: usize = 20;
 
-/// Where the episodes of a loop are.
 #[derive(Debug, Default)]
 pub(super) struct Episodes {
     /// The first row of the episode that each row belongs to.

@@ -52,7 +52,6 @@ pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
     old_observations(trace, judgement);
 }
 
-/// What ε does.
 fn schedule(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let told = trace.steps.epsilon.iter().copied().enumerate();
     let told: Vec<(usize, f64)> = told.filter(|(_, value)| value.is_finite()).collect();

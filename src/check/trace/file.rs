@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, HashMap};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::super::file::{Settings, Update, numbers};
 use crate::tensors::{check_count, header_of};
@@ -42,13 +42,11 @@ pub(crate) struct Trace {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct Heading {
-    /// Whether the recorder was closed.
     pub closed: bool,
     pub environment: String,
     pub environments: usize,
     /// How many actions the environment has; 0 if it does not say.
     pub actions: usize,
-    /// The names of the network's tensors.
     pub tensors: Vec<String>,
     /// Whether target and online network were one object.
     pub same_object: bool,
@@ -255,14 +253,11 @@ fn header(text: &str) -> Result<Heading, String> {
     let value: Value = serde_json::from_str(text).map_err(unread(TRACE))?;
     match value["version"].as_u64() {
         Some(VERSION) => serde_json::from_value(value).map_err(unread(TRACE)),
-        version => {
-            let found =
-                version.map_or_else(|| json!(value["version"]).to_string(), |number| number.to_string());
-            Err(format!(
-                "is a trace of version {found}; this program reads version {VERSION}. Install the program and the Python \
-                 module of the same release"
-            ))
-        }
+        _ => Err(format!(
+            "is a trace of version {}; this program reads version {VERSION}. Install the program and the Python module of \
+             the same release",
+            value["version"]
+        )),
     }
 }
 

@@ -15,7 +15,6 @@ const ENOUGH: usize = 5;
 /// A natural logarithm of a probability that no right loop meets.
 const NEVER: f64 = -50.0;
 
-/// A recorded minibatch.
 struct Sampled {
     rows: Range<usize>,
     /// Steps before its update.
@@ -264,11 +263,10 @@ fn ages(
     judgement: &mut Judgement,
 ) {
     let firsts = |one: &Sampled| spans(&origins[one.rows.clone()]).iter().map(|span| span.first).collect();
-    let all: Vec<Known> = minibatches.iter().map(|one| (one, firsts(one))).collect();
-    too_early(&all[0], judgement);
+    let mut known: Vec<Known> = minibatches.iter().map(|one| (one, firsts(one))).collect();
+    too_early(&known[0], judgement);
     // Those of which all but a few steps are known.
-    let known: Vec<Known> =
-        all.into_iter().filter(|(one, firsts)| firsts.len() * 10 >= one.size() * 9).collect();
+    known.retain(|(one, firsts)| firsts.len() * 10 >= one.size() * 9);
     let age = |one: &Sampled, first: usize| one.steps.saturating_sub(first);
     let ages = known.iter().flat_map(|(one, firsts)| firsts.iter().map(|&first| age(one, first)));
     let Some((oldest, (last, _))) = ages.max().zip(known.last()) else { return };

@@ -12,7 +12,6 @@ const UNCHANGED: (usize, usize) = (1000, 12_000);
 /// Updates after which the target network has got most of what was learned, at most, in a small task.
 const SLOWEST: f64 = 10_000.0;
 
-/// How the target network changed at an update.
 struct TargetMove {
     update: usize,
     /// Whether it is a copy of the online network before or after that update.
@@ -127,8 +126,8 @@ fn moves(trace: &Trace, changes: &[TargetMove], judgement: &mut Judgement) {
     let wait = wait.unwrap_or_else(|| changes.last().map_or(0, |change| all - change.update) as f64);
     let nearly_all = soft.filter(|tau| (0.85..0.999_999).contains(tau));
     if let Some(tau) = nearly_all.filter(|_| wait <= 2.0 && changes.len() >= ENOUGH) {
-        let numbers =
-            format!("at {} updates it went {tau:.4} of the way to the online network", changes.len());
+        let times = changes.len();
+        let numbers = format!("at {times} updates it went {tau:.4} of the way to the online network");
         judgement.name("tau_reversed", numbers);
     }
     let horizon = wait / soft.unwrap_or(1.0).clamp(1e-9, 1.0);

@@ -124,7 +124,6 @@ fn diverges(trace: &Trace, judgement: &mut Judgement) {
     }
 }
 
-/// What the whole updates show.
 pub(super) fn judge_whole(
     trace: &Trace, judgement: &mut Judgement, progress: &(dyn Fn(Stage, usize, usize) + Sync),
 ) {
@@ -150,8 +149,7 @@ pub(super) fn judge_whole(
     let mut equal = Vec::new();
     for &index in order.iter().take(if is_large { 1 } else { JUDGED }) {
         let whole = updates[index].0;
-        let forward =
-            whole.forward().map(|forward| (Variant::right(&forward), check_with(&forward, progress)));
+        let forward = whole.forward().map(|update| (Variant::right(&update), check_with(&update, progress)));
         let activations = forward.as_ref().map_or(LayerKinds::RIGHT, |(right, verdict)| {
             let mistakes = verdict.explanations.first().into_iter().flatten();
             mistakes.fold(*right, |variant, explained| explained.mistake.on(&variant)).activations
@@ -306,11 +304,10 @@ fn equal_in_targets_and_loss(update: &Update, activations: LayerKinds) -> bool {
     let targets = reference.targets(&right);
     let loss = reference.loss(&right, &targets);
     let results = &update.results;
-    let same_targets = results
-        .targets
-        .as_ref()
-        .is_none_or(|theirs| targets.values.iter().zip(theirs).all(|(ours, theirs)| agrees(ours, *theirs)));
-    same_targets && results.loss.is_none_or(|theirs| agrees(&loss.value, theirs))
+    let are_theirs =
+        |all: &Vec<f64>| targets.values.iter().zip(all).all(|(ours, theirs)| agrees(ours, *theirs));
+    results.targets.as_ref().is_none_or(are_theirs)
+        && results.loss.is_none_or(|theirs| agrees(&loss.value, theirs))
 }
 
 /// What is wrong with an update, as far as the recorder was told how it should be.
