@@ -62,8 +62,7 @@ pub fn explain(config: &crate::config::Config, number: u64) -> Result<ExplainedU
         let steps = before.adam.steps;
         let result = trainer.step(&mut Vec::<crate::trainer::Event>::new());
         let after = trainer.agent().as_dqn().ok_or(ExplainError::NoDqn)?;
-        let has_learned = after.adam.steps > steps;
-        let Some((online, target, adam, replay_rng)) = state.filter(|_| has_learned) else {
+        let Some((online, target, adam, replay_rng)) = state.filter(|_| after.adam.steps > steps) else {
             result?;
             continue;
         };

@@ -44,9 +44,7 @@ impl Directory {
     pub fn write_whole<E: From<io::Error>>(
         &self, path: &Path, kept: Option<&Path>, write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<(), E> {
-        for path in [Some(path), kept].into_iter().flatten() {
-            self.refuse_link(path)?;
-        }
+        [Some(path), kept].into_iter().flatten().try_for_each(|path| self.refuse_link(path))?;
         let unfinished = Unfinished::new(self, path)?;
         let mut buffer = BufWriter::new(&unfinished.file);
         write(&mut buffer)?;
@@ -231,8 +229,7 @@ pub(crate) fn read_limited(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
 
 /// Appends what a stream still has to `bytes`, which must not become more than `max_bytes`.
 pub(crate) fn read_rest(stream: impl Read, bytes: &mut Vec<u8>, max_bytes: u64) -> io::Result<()> {
-    let room = max_bytes.saturating_sub(bytes.len() as u64);
-    stream.take(room.saturating_add(1)).read_to_end(bytes)?;
+    stream.take(max_bytes.saturating_sub(bytes.len() as u64).saturating_add(1)).read_to_end(bytes)?;
     check_size(bytes.len() as u64, max_bytes)
 }
 

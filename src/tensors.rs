@@ -256,8 +256,7 @@ pub(crate) fn foreign_format(start: &[u8]) -> Option<String> {
         [8, _, 0x12, ..] => ("an ONNX file", TORCH),
         _ => return None,
     };
-    let is_zip = start.starts_with(b"PK");
-    let keras = if is_zip { ", or of a Keras model as in docs/interop.md" } else { "" };
+    let keras = if start.starts_with(b"PK") { ", or of a Keras model as in docs/interop.md" } else { "" };
     Some(format!("is {kind}, and no safetensors file. Save the weights as one, in Python: {save}{keras}"))
 }
 

@@ -87,7 +87,6 @@ pub fn shell_line(command: &[String]) -> String {
     words.join(" ")
 }
 
-/// Most characters of a message.
 const MAX_MESSAGE: usize = 4000;
 
 /// A message that has a limit whatever stands in it, a name or a value of any length: its middle is left out.

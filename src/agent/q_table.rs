@@ -59,8 +59,7 @@ impl QTable {
 
     /// Where the values of an observation's cell begin.
     fn place(&self, observation: &[f32]) -> usize {
-        let coordinates = self.edges.iter().zip(observation);
-        let cell = coordinates.fold(0, |cell, (edges, &value)| {
+        let cell = self.edges.iter().zip(observation).fold(0, |cell, (edges, &value)| {
             cell * (edges.len() + 1) + edges.partition_point(|&edge| edge <= value)
         });
         cell * self.num_actions

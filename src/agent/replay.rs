@@ -223,8 +223,7 @@ impl Replay {
             (false, false) => EpisodeEnd::Continues,
         };
         if self.ends[slot] == EpisodeEnd::Continues {
-            let following = self.following(slot);
-            self.observation_mut(following).copy_from_slice(transition.next_observation);
+            self.observation_mut(self.following(slot)).copy_from_slice(transition.next_observation);
         } else {
             self.make_room_for_a_final();
             self.final_slots.push(slot as u32);
@@ -262,9 +261,7 @@ impl Replay {
                 }
             };
         }
-        for age in ages {
-            self.drawn[*age / 64] = 0;
-        }
+        ages.iter().for_each(|age| self.drawn[*age / 64] = 0);
     }
 
     /// Copies the windows that start with the transitions of these ages into a minibatch of as many.

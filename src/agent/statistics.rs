@@ -164,6 +164,5 @@ fn dead_share(passes: &[Activations<f32>]) -> f64 {
         let hidden = passes[0].hidden().iter().enumerate();
         hidden.flat_map(|(layer, outputs)| (0..outputs.ncols()).map(move |unit| (layer, unit)))
     };
-    let dead = units().filter(|&(layer, unit)| !alive(layer, unit)).count();
-    dead as f64 / units().count().max(1) as f64
+    units().filter(|&(layer, unit)| !alive(layer, unit)).count() as f64 / units().count().max(1) as f64
 }

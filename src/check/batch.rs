@@ -275,8 +275,7 @@ impl<'a> Rows<'a> {
 
     /// Whether s′ of a sample with a discount of its own is reached in several steps; none if these are too many to try.
     fn several_steps_lead(&self, physics: &Physics, i: usize) -> Option<bool> {
-        let gamma = self.update.settings.gamma;
-        let steps = (self.update.batch.discounts[i].ln() / gamma.ln()).round();
+        let steps = (self.update.batch.discounts[i].ln() / self.update.settings.gamma.ln()).round();
         if steps < 1.5 || !steps.is_finite() {
             return Some(false);
         }

@@ -265,8 +265,7 @@ impl Settings {
 
     /// What `weight_decay` stands for where it is left out: PyTorch's defaults.
     pub(super) fn weight_decay(&self) -> f64 {
-        let default = if self.optimizer == OptimizerName::AdamW { 0.01 } else { 0.0 };
-        self.weight_decay.unwrap_or(default)
+        self.weight_decay.unwrap_or(if self.optimizer == OptimizerName::AdamW { 0.01 } else { 0.0 })
     }
 
     pub(super) fn validate(&self) -> Result<(), String> {

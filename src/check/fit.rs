@@ -17,8 +17,7 @@ impl Search<'_> {
                 // Most likely first: reward and mask have the same shape.
                 let forms = [3, 4, 1, 6, 2, 5].map(|bits| [bits & 1 != 0, bits & 2 != 0, bits & 4 != 0]);
                 let mut forms = forms.into_iter().filter(|&form| {
-                    let variant = Variant { square: Some(form), ..base.variant };
-                    self.reproduces(&base.computing(variant), stage)
+                    self.reproduces(&base.computing(Variant { square: Some(form), ..base.variant }), stage)
                 });
                 fitted.square = forms.next().unwrap_or(fitted.square);
             }
@@ -26,8 +25,7 @@ impl Search<'_> {
             Stage::Loss => self.fit_penalty(base, theirs[0], &mut fitted),
             Stage::Gradients => {
                 let largest = theirs.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-                let at_limit = theirs.iter().filter(|value| value.abs() >= largest * (1.0 - 1e-6)).count();
-                if at_limit > 1 {
+                if theirs.iter().filter(|value| value.abs() >= largest * (1.0 - 1e-6)).count() > 1 {
                     fitted.clip_value = snapped(largest, 1e-6);
                 }
             }

@@ -46,11 +46,9 @@ pub(super) fn forward(
 pub(super) fn backward(
     network: &Mlp<f64>, pass: &Pass, mut dy: Matrix, unit: f64, first: usize, gradient: &mut [Number],
 ) {
-    let batch = dy.value.nrows();
-    let growth = square(unit) * batch as f64;
+    let growth = square(unit) * dy.value.nrows() as f64;
     let mut end = gradient.len();
-    let last = network.num_layers() - 1;
-    pass.activations.output.backward(&mut dy, &pass.outputs[last], &pass.q, unit);
+    pass.activations.output.backward(&mut dy, &pass.outputs[network.num_layers() - 1], &pass.q, unit);
     for index in (first..network.num_layers()).rev() {
         let (layer, x) = (network.layer(index), &pass.inputs[index]);
         let weights = layer.len() - dy.value.ncols();
@@ -65,8 +63,7 @@ pub(super) fn backward(
         end -= layer.len();
         if index > first {
             dy = by_input(layer, &dy, unit);
-            let hidden = pass.activations.hidden;
-            hidden.backward(&mut dy, &pass.outputs[index - 1], &pass.inputs[index], unit);
+            pass.activations.hidden.backward(&mut dy, &pass.outputs[index - 1], &pass.inputs[index], unit);
         }
     }
 }
@@ -100,6 +97,5 @@ fn affine(x: &DMatrix<f64>, layer: &[f64], y: &mut DMatrix<f64>) {
 /// dW = dy xᵀ, then db = Σ_batch dy.
 fn layer_gradient(dy: &DMatrix<f64>, x: &DMatrix<f64>) -> Vec<f64> {
     let product = dy.transpose() * x;
-    let bias = dy.column_iter().map(|column| column.sum());
-    product.iter().copied().chain(bias).collect()
+    product.iter().copied().chain(dy.column_iter().map(|column| column.sum())).collect()
 }

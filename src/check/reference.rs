@@ -66,8 +66,7 @@ impl<'a> Reference<'a> {
     fn target_of_current(&self, variant: &Variant) -> Option<&Pass> {
         let Update { target, batch, rounding_unit, .. } = self.update;
         let pass = |target| forward(target, &batch.observations, variant.activations, *rounding_unit);
-        let passes = self.passes(variant);
-        passes.target_of_current.get_or_init(|| target.as_ref().map(pass)).as_ref()
+        self.passes(variant).target_of_current.get_or_init(|| target.as_ref().map(pass)).as_ref()
     }
 
     /// The online network's pass on what the targets bootstrap from.
@@ -172,8 +171,7 @@ impl<'a> Reference<'a> {
             Reward::Clipped => batch.rewards[sample].clamp(-1.0, 1.0),
             Reward::Negated => -batch.rewards[sample],
         };
-        let is_lost = variant.reward_is_masked && self.is_masked(variant, sample);
-        let reward = if is_lost { 0.0 } else { reward };
+        let reward = if variant.reward_is_masked && self.is_masked(variant, sample) { 0.0 } else { reward };
         let mut target = next.scaled(slope);
         let rounded = square(reward) + 4.0 * square(target.value);
         target.value += reward;
@@ -480,8 +478,7 @@ impl Penalty {
             }
             Self::ClippedSquare => {
                 let clipped = x.clamp(-1.0, 1.0);
-                let is_inside = x.abs() < 1.0;
-                let mut slope = td_error.scaled(if is_inside { 2.0 } else { 0.0 });
+                let mut slope = td_error.scaled(if x.abs() < 1.0 { 2.0 } else { 0.0 });
                 if (x.abs() - 1.0).abs() < td_error.tolerance() {
                     slope.may_be_off_by(2.0);
                 }

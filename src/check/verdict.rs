@@ -111,9 +111,8 @@ impl Hypothesis {
 
     /// What it has is a finding, of which nothing follows for the rest.
     fn found(&mut self, id: &str, quantity: Stage, measured: Option<String>) {
-        let found =
-            Mistake::named(id).map(|mistake| Explained { mistake, quantity, reported_only: true, measured });
-        self.mistakes.extend(found);
+        let explained = |mistake| Explained { mistake, quantity, reported_only: true, measured };
+        self.mistakes.extend(Mistake::named(id).map(explained));
     }
 }
 
@@ -141,8 +140,7 @@ pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize
     };
     let mut hypotheses: Vec<_> = Variant::all_right(update).into_iter().map(right).collect();
     let mut verdict = Verdict { batch: batch::judge(update), facts: search.facts(), ..Verdict::default() };
-    let first = update.results.q.as_ref().map(|_| Stage::Q);
-    for stage in first.into_iter().chain(Stage::ALL) {
+    for stage in update.results.q.as_ref().map(|_| Stage::Q).into_iter().chain(Stage::ALL) {
         let judged = search.judge(stage, &mut hypotheses, &mut verdict);
         verdict.quantities.push(judged);
     }
@@ -208,8 +206,7 @@ impl Search<'_> {
             following[0].found(id, stage, None);
         }
         if let Some(first) = following.first() {
-            let is_explained = first.mistakes.iter().any(|explained| explained.quantity == stage);
-            if is_explained {
+            if first.mistakes.iter().any(|explained| explained.quantity == stage) {
                 judged.state = QuantityState::Explained;
             } else {
                 judged = Judged::new(stage, QuantityState::Equal, &self.compute(first, stage), theirs);
@@ -587,8 +584,7 @@ impl Search<'_> {
         for stage in [Stage::Q].into_iter().chain(Stage::ALL).filter(given) {
             let shows = |with: &Hypothesis| with.mistakes.last().is_some_and(|last| last.quantity <= stage);
             let (concerned, others): (Vec<_>, Vec<_>) = hidden.into_iter().partition(shows);
-            let found = self.reproducing(concerned, stage);
-            hidden = found.into_iter().chain(others).collect();
+            hidden = self.reproducing(concerned, stage).into_iter().chain(others).collect();
         }
         hidden.iter().filter_map(|with| with.mistakes.last()).map(|last| last.mistake.name()).collect()
     }
@@ -649,15 +645,12 @@ impl Search<'_> {
                 .into()
         });
         let moves = results.target.as_ref().map(|_| match self.moved_to_online() {
-            Some(tau) if tau.abs() < 1e-9 => "the target network stays as it is".into(),
-            Some(tau) if (tau - 1.0).abs() < 1e-6 => {
-                "the target network is copied from the online network".into()
-            }
-            Some(tau) => {
-                format!("the target network moves by {} of the way to the online network", short(tau))
-            }
-            None => "the target network changes, and not towards the online network".into(),
+            Some(tau) if tau.abs() < 1e-9 => "stays as it is".into(),
+            Some(tau) if (tau - 1.0).abs() < 1e-6 => "is copied from the online network".into(),
+            Some(tau) => format!("moves by {} of the way to the online network", short(tau)),
+            None => "changes, and not towards the online network".into(),
         });
+        let moves = moves.map(|what: String| format!("the target network {what}"));
         [is_online, is_first, moves].into_iter().flatten().collect()
     }
 }

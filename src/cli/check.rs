@@ -11,8 +11,8 @@ use super::policy::{is_standard_input, standard_input};
 use super::ui::{Failure, on_one_line, print, print_json};
 use crate::check::trace::{self, Judgement};
 use crate::check::{
-    BatchVerdict, EpsilonPlace, Explained, Found, Judged, Mistake, OptimizerName, QuantityState, Settings,
-    Stage, Update, Verdict, check_with,
+    BatchVerdict, EpsilonPlace, Explained, Judged, Mistake, OptimizerName, QuantityState, Settings, Stage,
+    Update, Verdict, check_with,
 };
 use crate::files::{read_limited, read_rest};
 use crate::nn::Loss;
@@ -121,8 +121,7 @@ fn describe(file: &str, update: &Update, verdict: &Verdict) -> String {
     put(&mut text, "settings", &settings(update));
     describe_batch(&mut text, &verdict.batch);
     for quantity in &verdict.quantities {
-        let name = quantity.name.name();
-        put(&mut text, name, &state(quantity, verdict));
+        put(&mut text, quantity.name.name(), &state(quantity, verdict));
         put_all(&mut text, "  in common", &quantity.common);
         let explanation = verdict.explanations.first().into_iter().flatten();
         for explained in explanation.filter(|explained| explained.quantity == quantity.name) {
@@ -161,17 +160,13 @@ fn describe_batch(text: &mut String, batch: &BatchVerdict) {
     let state: Vec<&str> = wrong.into_iter().chain(facts.iter().map(String::as_str)).collect();
     let unknown = "of a task whose physics this program does not know";
     put(text, "batch", &if state.is_empty() { unknown.into() } else { state.join("; ") });
-    for Found { mistake, evidence } in mistakes {
-        put_mistake(text, mistake, Some(evidence));
-    }
+    mistakes.iter().for_each(|found| put_mistake(text, found.mistake, Some(&found.evidence)));
     put_all(text, "possible", unseen);
 }
 
 fn not_tried(verdict: &Verdict) -> String {
     let mut left_out: Vec<String> = verdict.mistakes_left_out.iter().map(|id| id.replace('_', " ")).collect();
-    if verdict.pairs_left_out {
-        left_out.push("some pairs of mistakes".into());
-    }
+    left_out.extend(verdict.pairs_left_out.then(|| "some pairs of mistakes".into()));
     format!(
         "for an update of this size these would take too long: {}. An update with a smaller batch or a smaller network \
          shows them as well",

@@ -107,9 +107,10 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
     let trace = arguments.trace.as_deref().map(output);
     let trace_to_stdout = trace.as_ref().is_some_and(Output::is_standard);
     if trace_to_stdout && arguments.json {
-        let both =
-            "--trace - and --json both want standard output; give the trace a file, or leave --json out";
-        return Err(Failure::BadInput(both.into()));
+        return Err(Failure::BadInput(
+            "--trace - and --json both want standard output; give the trace a file, or leave --json out"
+                .into(),
+        ));
     }
     trace.as_ref().map_or(Ok(()), Output::check)?;
     let (origin, task, played) = match arguments.policy {
@@ -154,10 +155,9 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
             print(&text)?;
         }
     }
-    match arguments.min_mean.filter(|minimum| score.mean < *minimum) {
-        Some(minimum) => {
-            Err(Failure::Failed(format!("mean return {:.2} is below --min-mean {minimum}", score.mean)))
-        }
+    let mean = score.mean;
+    match arguments.min_mean.filter(|minimum| mean < *minimum) {
+        Some(low) => Err(Failure::Failed(format!("mean return {mean:.2} is below --min-mean {low}"))),
         None => Ok(()),
     }
 }

@@ -208,10 +208,8 @@ fn row(matrix: &DMatrix<f32>, sample: usize) -> String {
 }
 
 fn number(value: f32) -> String {
-    let size = value.abs();
-    if value == 0.0 || (0.01..10_000.0).contains(&size) {
-        let text = format!("{value:.4}");
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    if value == 0.0 || (0.01..10_000.0).contains(&value.abs()) {
+        format!("{value:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
     } else {
         format!("{value:.2e}")
     }

@@ -121,8 +121,7 @@ impl LocatedPolicy {
     }
 
     pub(super) fn policy(&self) -> Result<SavedPolicy, Failure> {
-        let policy = SavedPolicy::of(&self.checkpoint, &self.spec()?);
-        policy.map_err(|problem| {
+        SavedPolicy::of(&self.checkpoint, &self.spec()?).map_err(|problem| {
             use TensorError::{WrongNetwork, WrongTable};
             let is_for_another =
                 matches!(problem, CheckpointProblem::Tensor(WrongNetwork { .. } | WrongTable { .. }));

@@ -118,8 +118,7 @@ impl StudyArguments {
         let (place, mut programs) = (format!("study {}", shown(self.path())), SharedPrograms::default());
         for NamedConfig { config, .. } in &mut dir.study.configs {
             let permit = |program: &mut _| self.allow.permit(program, &place, false);
-            let permitted = programs.share(&mut config.environment, permit);
-            permitted.map_err(Failure::BadInput)?;
+            programs.share(&mut config.environment, permit).map_err(Failure::BadInput)?;
         }
         self.check_memory(&dir.study)?;
         Ok(dir)
@@ -153,8 +152,7 @@ fn plan(arguments: &StudyArguments) -> Result<(), Failure> {
         return Ok(());
     }
     start_program(&dir.study.configs[0]);
-    let signals = Signals::listen(false);
-    print(&plan::estimate(&dir, arguments.path(), &signals.stop)?)
+    print(&plan::estimate(&dir, arguments.path(), &Signals::listen(false).stop)?)
 }
 
 /// Trains a shard or all, and says what came of it: of a shard only counts, as others train the rest.

@@ -14,7 +14,6 @@ use crate::env::catalogue::EnvironmentId;
 use crate::env::{EnvironmentError, Make, Spec};
 use crate::text::{excerpt, shell_line};
 
-/// What the agent acts in.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub(crate) enum EnvironmentConfig {

@@ -30,9 +30,7 @@ impl Layer {
         let Members(members) = serde_json::from_str(text.trim_start_matches('\u{feff}'))
             .map_err(|source| ConfigError::Json { origin: origin.into(), source })?;
         let mut layer = Self { origin: origin.into(), values: BTreeMap::new() };
-        for (key, node) in members {
-            layer.insert(key, node)?;
-        }
+        members.into_iter().try_for_each(|(key, node)| layer.insert(key, node))?;
         layer.checked()
     }
 
@@ -54,9 +52,8 @@ impl Layer {
             node if is_one_value(&key) => node.into(),
             Node::Leaf(value) => whole(value),
             Node::Object(Members(members)) => {
-                for (name, member) in members {
-                    self.insert(format!("{key}.{name}"), member)?;
-                }
+                let insert = |(name, member)| self.insert(format!("{key}.{name}"), member);
+                members.into_iter().try_for_each(insert)?;
                 json!({})
             }
         };
@@ -100,8 +97,7 @@ impl Layer {
             let members = keys_in(&format!("{key}."));
             let is_below = |other: &String| member_of(other, key).is_some();
             let is_empty = || value.is_object() && !self.values.keys().any(is_below);
-            let known = find(key).map(|known| &known.allowed);
-            let allowed = match known {
+            let allowed = match find(key).map(|known| &known.allowed) {
                 // No name, and no program either.
                 Some(allowed @ Allowed::NameOr(..)) if is_empty() => allowed.to_string(),
                 Some(allowed) if allowed.admits(value) => continue,
@@ -139,13 +135,11 @@ pub(super) fn choose(group: &str, alternatives: &[Choice], layers: &[Layer]) -> 
         };
         let foreign_key = |alternative: &Map<_, _>| own.keys().find(|key| !alternative.contains_key(*key));
         let candidates: Vec<_> = once(chosen).chain(alternatives).filter(same_name).collect();
-        let fitting = candidates.iter().find(|candidate| foreign_key(candidate).is_none());
-        chosen = fitting.ok_or_else(|| {
+        chosen = candidates.iter().find(|candidate| foreign_key(candidate).is_none()).ok_or_else(|| {
             let nearest = candidates.first().unwrap_or(&chosen);
             let key = format!("{group}.{}", foreign_key(nearest).map_or("", String::as_str));
             let all = alternatives.iter().map(shape).collect::<Vec<_>>().join(" or ");
-            let hint = format!("`{group}` is {} here, and can be {all}", shape(nearest));
-            misplaced(origin, &key, hint)
+            misplaced(origin, &key, format!("`{group}` is {} here, and can be {all}", shape(nearest)))
         })?;
         values.extend(own);
         values.retain(|key, _| chosen.contains_key(key));
@@ -229,7 +223,6 @@ pub(super) fn invalid(origin: &str, key: &str, value: &Value, allowed: String) -
     ConfigError::Value { origin: origin.into(), key: key.into(), value: shown(&value.to_string()), allowed }
 }
 
-/// A user's text in a message.
 pub(super) fn shown(text: &str) -> String {
     excerpt(text, 80)
 }

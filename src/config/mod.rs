@@ -173,8 +173,7 @@ impl Config {
     ) -> Result<Self, ConfigError> {
         let file = file.map(|(name, text)| Layer::from_json(name, text)).transpose()?;
         let mut layers: Vec<_> = file.into_iter().collect();
-        let options = [("--set", sets), ("--vary", varied)];
-        let given = options.into_iter().filter(|(_, sets)| !sets.is_empty());
+        let given = [("--set", sets), ("--vary", varied)].into_iter().filter(|(_, sets)| !sets.is_empty());
         let given = given.map(|(name, sets)| Layer::from_sets(name, sets)).collect::<Result<Vec<_>, _>>()?;
         layers.extend(given.into_iter().reduce(|below, above| Layer {
             origin: format!("{} and {}", below.origin, above.origin),

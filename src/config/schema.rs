@@ -146,8 +146,7 @@ pub struct Setting {
 
 /// Every key that `--set` takes: its path, its meaning and, where there are only a few, its values.
 pub fn keys() -> impl Iterator<Item = (&'static str, &'static str, Vec<&'static str>)> {
-    let settable = KEYS.iter().filter(|key| key.path != "$schema");
-    settable.map(|key| (key.path, key.meaning, key.allowed.names()))
+    KEYS.iter().filter(|key| key.path != "$schema").map(|key| (key.path, key.meaning, key.allowed.names()))
 }
 
 impl Config {
@@ -166,8 +165,7 @@ impl Config {
     /// The defaults of the keys that this config has, those of its alternatives included.
     fn defaults(&self) -> Value {
         let config = json!(self);
-        let agent = config["agent"].as_str().unwrap_or(DQN);
-        let mut defaults = json!(Config::default_of(agent, &config[KEY]));
+        let mut defaults = json!(Config::default_of(config["agent"].as_str().unwrap_or(DQN), &config[KEY]));
         if config[KEY].is_object() {
             defaults[KEY] = program_defaults().into();
         }

@@ -70,7 +70,6 @@ pub fn shipped(name: &str) -> Result<(&'static str, &'static str), ConfigError> 
 pub(crate) fn nearest_shipped(name: &str) -> Option<&'static str> {
     let name = name.to_lowercase();
     let likeness = |known: &'static str| (strsim::normalized_damerau_levenshtein(&name, known), known);
-    let names = SHIPPED.iter().map(|shipped| likeness(shipped.name));
-    let alike = names.filter(|(likeness, _)| *likeness > 0.65);
+    let alike = SHIPPED.iter().map(|shipped| likeness(shipped.name)).filter(|(likeness, _)| *likeness > 0.65);
     alike.max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, name)| name)
 }

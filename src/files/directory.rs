@@ -65,8 +65,7 @@ impl Directory {
     /// Opens an ordinary file, to read and to write it.
     pub(crate) fn open_file(&self, path: &Path) -> io::Result<File> {
         let parent = self.parent_of(path)?;
-        let opened = system::open_file(&parent.handle, path);
-        let file = opened.map_err(|error| parent.explained(path, error))?;
+        let file = system::open_file(&parent.handle, path).map_err(|error| parent.explained(path, error))?;
         if file.metadata()?.is_file() { Ok(file) } else { Err(not_ordinary()) }
     }
 

@@ -128,9 +128,7 @@ pub(crate) mod signals {
     /// Calls `handle` from now on for every signal that asks this process to end, with the exit code that belongs to it.
     pub(crate) fn watch(handle: impl FnMut(u8) + Send + 'static) -> io::Result<()> {
         let mut signals = vec![SIGINT, SIGTERM];
-        if !hangup_is_ignored() {
-            signals.push(SIGHUP);
-        }
+        signals.extend((!hangup_is_ignored()).then_some(SIGHUP));
         let mut signals = Signals::new(signals)?;
         let exit_code = |signal| if signal == SIGINT { INTERRUPTED } else { TERMINATED };
         let watch = move || signals.forever().map(exit_code).for_each(handle);

@@ -22,8 +22,7 @@ const POLICY: &str = include_str!("html/policy.html");
 
 /// Whether a file with this beginning may be a [`page`], which another page may replace.
 pub(crate) fn is_page(start: &[u8]) -> bool {
-    let own = PAGE.split("{{").next().unwrap_or_default();
-    start.starts_with(own.as_bytes())
+    start.starts_with(PAGE.split("{{").next().unwrap_or_default().as_bytes())
 }
 
 pub(crate) fn page(directories: &[PathBuf]) -> Result<String, ReportError> {

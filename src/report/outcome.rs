@@ -63,8 +63,7 @@ impl TrialOutcome {
     }
 
     pub(super) fn evaluations(&self) -> Vec<Evaluation> {
-        let pairs = self.steps.iter().zip(&self.means);
-        pairs.map(|(&env_steps, &mean)| Evaluation { env_steps, mean }).collect()
+        self.steps.iter().zip(&self.means).map(|(&env_steps, &mean)| Evaluation { env_steps, mean }).collect()
     }
 
     pub(super) fn value_at(&self, step: u64, task: &Spec) -> f64 {

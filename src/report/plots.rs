@@ -57,8 +57,7 @@ pub(super) fn run(
 
 /// An empty plot of returns over environment steps.
 pub(super) fn returns(layout: Layout, title: &str, task: &Spec, end: f64) -> Plot {
-    let returns = range(std::iter::once(task));
-    let mut plot = Plot::new(layout, title, [STEPS, "mean return"], (0.0, end), returns);
+    let mut plot = Plot::new(layout, title, [STEPS, "mean return"], (0.0, end), range(std::iter::once(task)));
     draw_threshold(&mut plot, std::iter::once(task));
     plot
 }

@@ -80,8 +80,7 @@ impl Estimate {
 
     /// The share `count / total` with its Wilson score interval (Wilson 1927).
     pub fn share(count: usize, total: usize) -> Self {
-        let interval = (total >= LEAST_SEEDS).then(|| wilson(count, total));
-        Self::new(count as f64 / total as f64, interval)
+        Self::new(count as f64 / total as f64, (total >= LEAST_SEEDS).then(|| wilson(count, total)))
     }
 }
 
@@ -240,9 +239,7 @@ impl Sample {
         resampled.counts.clear();
         if self.values.len() == self.total {
             resampled.counts.resize(self.total, 0);
-            for _ in 0..self.total {
-                resampled.counts[rng.below(self.total as u64) as usize] += 1;
-            }
+            (0..self.total).for_each(|_| resampled.counts[rng.below(self.total as u64) as usize] += 1);
             return;
         }
         let (mut draws, mut left) = (self.total, self.total);

@@ -37,9 +37,7 @@ impl ReadStudy {
         }
         let mut configs: Vec<ConfigReport> = groups.iter().map(config_report).collect();
         let labels = text::labels(study, &configs);
-        for config in &mut configs {
-            config.label.clone_from(&labels[&config.name]);
-        }
+        configs.iter_mut().for_each(|config| config.label.clone_from(&labels[&config.name]));
         let others = configs[1..].iter();
         let report = StudyReport {
             format_version: FORMAT_VERSION,

@@ -180,9 +180,7 @@ fn what_extends(trainer: &Trainer, reason: EndReason, given: &[String]) -> Vec<S
     let is_used_up = done >= budget;
     let is_kept = |set: &&String| !(is_used_up && set.starts_with("budget"));
     let mut sets: Vec<String> = given.iter().filter(is_kept).cloned().collect();
-    if is_used_up {
-        sets.push(format!("budget.{unit}={}", done.saturating_mul(2)));
-    }
+    sets.extend(is_used_up.then(|| format!("budget.{unit}={}", done.saturating_mul(2))));
     match reason {
         EndReason::Solved => sets.push("stop_when_solved=false".into()),
         EndReason::Lasting => sets.push("stop_when_lasting_steps=null".into()),
@@ -245,13 +243,12 @@ fn with_other_budget(recorded: &Config, sets: &[String], path: &Path) -> Result<
 
 /// The difference that makes two configs different runs. The end and the schedules do not: a resumed run may change them.
 fn other_run(recorded: &Config, given: &Config) -> Option<String> {
-    let are_linear =
-        [recorded, given].map(|config| matches!(config.agent.exploration(), Exploration::Linear { .. }));
+    let is_linear = |config: &Config| matches!(config.agent.exploration(), Exploration::Linear { .. });
     let comparable = |config: &Config| {
         let mut value = config_of_checkpoint(config);
         value["optimizer"]["schedule"] = Value::Null;
         value["optimizer"]["learning_rate"] = Value::Null;
-        if are_linear == [true; 2] {
+        if is_linear(recorded) && is_linear(given) {
             value["exploration"] = Value::Null;
         }
         value

@@ -33,8 +33,7 @@ pub(crate) fn compare_files(run: &RunDir, again: &RunDir, extent: &Extent) -> Re
             continue;
         }
         // A process that was killed as it wrote the next one leaves the last one under both names.
-        let is_last = || read(&path).ok() == read(&run.last()).ok();
-        if name == PREVIOUS && extent.env_steps.is_some() && is_last() {
+        if name == PREVIOUS && extent.env_steps.is_some() && read(&path).ok() == read(&run.last()).ok() {
             continue;
         }
         let problem = match (read(&path), repeated.exists()) {

@@ -46,8 +46,7 @@ impl Console {
 
     fn show(&mut self, env_steps: u64, episodes: Option<u64>, line_is_due: bool) {
         let speed = self.learning.filter(|(_, start)| env_steps > *start).map(|(since, start)| {
-            let seconds = since.elapsed().as_secs_f64().max(1e-9);
-            format!("{:.0} steps/s", (env_steps - start) as f64 / seconds)
+            format!("{:.0} steps/s", (env_steps - start) as f64 / since.elapsed().as_secs_f64().max(1e-9))
         });
         let Self { episode, evaluation, details, .. } = self;
         let separator = if episode.is_empty() || evaluation.is_empty() { "" } else { ", " };

@@ -168,9 +168,7 @@ impl StudyDir {
         let configs = names.map(|(i, named)| (named.name.as_str(), i)).collect();
         let (study, found, notes) = (&self.study, HashMap::new(), Vec::new());
         let mut reader = Reader { files, study, configs, found, notes, others: 0, circumstances: 0 };
-        for file in 0..reader.files.len() {
-            reader.read(file, each)?;
-        }
+        (0..reader.files.len()).try_for_each(|file| reader.read(file, each))?;
         Ok(reader)
     }
 }
@@ -179,9 +177,8 @@ impl StudyDir {
 fn refuse_links(path: &Path) -> Result<(), StudyError> {
     let check = || {
         let directory = Directory::open(path)?;
-        for name in [MANIFEST, TRIALS, UNFINISHED] {
-            directory.refuse_link(&path.join(name))?;
-        }
+        let names = [MANIFEST, TRIALS, UNFINISHED].iter();
+        names.copied().try_for_each(|name| directory.refuse_link(&path.join(name)))?;
         let mut kept = fs::read_dir(path.join(UNFINISHED)).into_iter().flatten();
         kept.try_for_each(|entry| directory.refuse_link(&entry?.path()))
     };

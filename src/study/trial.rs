@@ -141,8 +141,7 @@ impl Trial {
         };
         let progress = trainer.progress();
         let score = |policy: &crate::agent::Policy, Evaluation { env_steps, .. }| -> Result<_, TrainError> {
-            let max_steps = trainer.spec().max_steps;
-            let played = evaluate(policy, &*make, max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
+            let played = evaluate(policy, &*make, trainer.spec().max_steps, SCORE_SEED, SCORE_EPISODES, 1.0)?;
             let returns: Vec<f64> = played.iter().map(|episode| episode.total).collect();
             let Score { mean, std, min, median, max, .. } = Score::new(&returns);
             let lasts =
@@ -206,8 +205,7 @@ impl Keeper<'_> {
         let mut checkpoint = Checkpoint::new(&TrialHeader { settings, progress, evaluations })?;
         checkpoint.tensors = snapshot.tensors;
         let made = path.parent().map_or(Ok(false), |parent| directory.create_dir(parent));
-        let written = made.and_then(|_| checkpoint.write_in(directory, path, None));
-        written.map_err(|error| {
+        made.and_then(|_| checkpoint.write_in(directory, path, None)).map_err(|error| {
             io::Error::new(error.kind(), format!("cannot write {}: {error}", crate::text::shown(path)))
         })?;
         self.is_kept = true;

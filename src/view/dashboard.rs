@@ -231,8 +231,7 @@ impl Dashboard {
         let returns = player.returns.iter().rev().take(4).map(|(total, _)| format!(" {}", whole(*total)));
         let returns = fitting(returns, usize::from(area.width).saturating_sub(11));
         let returns = if returns.is_empty() { returns } else { format!(" returns{returns} ") };
-        let block = Block::bordered().title(title).title_bottom(returns);
-        player.draw(frame, area, block);
+        player.draw(frame, area, Block::bordered().title(title).title_bottom(returns));
     }
 
     fn draw_diagnostics(&self, frame: &mut Frame<'_>, area: Rect) {

@@ -78,9 +78,8 @@ impl Player {
     fn see(&mut self) {
         self.action = self.policy.act(&self.observation);
         self.q_values = self.policy.q_values();
-        for &q in &self.q_values {
-            self.q_range = (self.q_range.0.min(q), self.q_range.1.max(q));
-        }
+        let widened = |(low, high): (f32, f32), q: &f32| (low.min(*q), high.max(*q));
+        self.q_range = self.q_values.iter().fold(self.q_range, widened);
     }
 
     /// Lets time pass, at a multiple of the environment's speed. The end of an episode stays for `rest`.
@@ -137,8 +136,7 @@ impl Player {
 
     /// How the episode has ended, in words; none before its end.
     pub(super) fn ending(&self) -> Option<&'static str> {
-        let end = self.end?;
-        Some(if end.terminated { self.environment.ending() } else { "time limit" })
+        Some(if self.end?.terminated { self.environment.ending() } else { "time limit" })
     }
 
     pub(super) fn state(&self) -> Vec<f64> {

@@ -87,11 +87,9 @@ impl Watch {
         let values = 2 + self.shown_values() as u16;
         let heights = [Length(1), Min(8), Length(values), Length(2), Length(1)];
         let [title, picture, values, returns, keys] = Layout::vertical(heights).areas(frame.area());
-        let name = format!(" {}", self.name);
-        frame.render_widget(Line::from(vec!["watch".bold(), name.into()]), title);
+        frame.render_widget(Line::from(vec!["watch".bold(), format!(" {}", self.name).into()]), title);
         let state = self.state(usize::from(picture.width).saturating_sub(2));
-        let block = Block::bordered().title(self.status()).title_bottom(state);
-        self.player.draw(frame, picture, block);
+        self.player.draw(frame, picture, Block::bordered().title(self.status()).title_bottom(state));
         self.draw_values(frame, values);
         frame.render_widget(Paragraph::new(self.returns(usize::from(returns.width))), returns);
         let digits = match self.player.spec().num_actions {

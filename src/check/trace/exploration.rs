@@ -74,8 +74,7 @@ fn schedule(trace: &Trace, episodes: &Episodes, judgement: &mut Judgement) {
     let steps = || told.windows(2).map(|pair| pair[1].1 - pair[0].1);
     let rises = steps().filter(|step| *step > 1e-9).count();
     if rises >= 10 && !steps().any(|step| step < -1e-9) && last - first > 0.05 {
-        let numbers = format!("from {first:.2} to {last:.2}, {rises} rises and no fall");
-        judgement.name("epsilon_grows", numbers);
+        judgement.name("epsilon_grows", format!("from {first:.2} to {last:.2}, {rises} rises and no fall"));
     }
     let low = least + 0.1 * (first - least);
     let Some(at) = told.iter().position(|(_, value)| *value <= low) else { return };

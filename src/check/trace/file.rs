@@ -38,7 +38,6 @@ pub(crate) struct Trace {
     pub cut: Option<String>,
 }
 
-/// What the metadata says.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct Heading {
@@ -85,7 +84,6 @@ pub(crate) struct Steps {
     pub previous: Vec<Option<usize>>,
 }
 
-/// Updates, in their order.
 #[derive(Debug, Default)]
 pub(crate) struct Updates {
     /// Vectors of [`Steps`] before the update.
@@ -178,8 +176,7 @@ impl Whole {
 fn whole_size(bytes: &[u8]) -> Option<usize> {
     let header: HashMap<String, Value> = serde_json::from_slice(header_of(bytes)).ok()?;
     let ends = header.values().filter_map(|tensor| tensor["data_offsets"][1].as_u64()).max();
-    let size = ends.unwrap_or(0).checked_add(8 + header_of(bytes).len() as u64)?;
-    usize::try_from(size).ok()
+    usize::try_from(ends.unwrap_or(0).checked_add(8 + header_of(bytes).len() as u64)?).ok()
 }
 
 /// Whether the bytes of a safetensors file, as far as they go, are a trace.
@@ -380,8 +377,7 @@ impl Columns<'_> {
 
     fn checksums(&mut self, name: &str, rows: usize) -> Result<Vec<Vec<u64>>, String> {
         let (values, width) = self.column(name, rows, MAX_WIDTH)?.unwrap_or_default();
-        let rows = values.chunks(width.max(1));
-        Ok(rows.map(|row| row.iter().map(|value| value.to_bits()).collect()).collect())
+        Ok(values.chunks(width.max(1)).map(|row| row.iter().map(|value| value.to_bits()).collect()).collect())
     }
 
     fn batches(&mut self) -> Result<Batches, String> {

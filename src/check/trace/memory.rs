@@ -17,14 +17,9 @@ const NEVER: f64 = -50.0;
 
 struct Sampled {
     rows: Range<usize>,
+    size: usize,
     /// Steps before its update.
     steps: usize,
-}
-
-impl Sampled {
-    fn size(&self) -> usize {
-        self.rows.len()
-    }
 }
 
 fn minibatches(trace: &Trace) -> Vec<Sampled> {
@@ -32,6 +27,7 @@ fn minibatches(trace: &Trace) -> Vec<Sampled> {
     let rows = (0..updates.len()).collect::<Vec<_>>();
     let minibatch = |rows: &[usize]| Sampled {
         rows: rows[0]..rows[0] + rows.len(),
+        size: rows.len(),
         steps: trace.updates.step.get(updates[rows[0]]).copied().unwrap_or(0),
     };
     rows.chunk_by(|a, b| updates[*a] == updates[*b]).map(minibatch).collect()
@@ -79,7 +75,7 @@ fn repeated(trace: &Trace, minibatches: &[Sampled], judgement: &mut Judgement) {
     let row = |row: usize| {
         (batches.observations.row(row), batches.next_observations.row(row), batches.actions[row])
     };
-    let is_late = |one: &&Sampled| one.size() >= 4 && one.steps >= 4 * one.size();
+    let is_late = |one: &&Sampled| one.size >= 4 && one.steps >= 4 * one.size;
     let late: Vec<_> = minibatches.iter().filter(is_late).collect();
     let is_one = |one: &&&Sampled| one.rows.clone().all(|other| row(other) == row(one.rows.start));
     let same = late.iter().filter(is_one).count();
@@ -179,9 +175,7 @@ fn spans(origins: &[RowOrigin]) -> Vec<Span> {
 /// n − 1 of most rows.
 fn most_between(spans: &[Span]) -> usize {
     let mut lengths: BTreeMap<usize, usize> = BTreeMap::new();
-    for span in spans {
-        *lengths.entry(span.between).or_default() += 1;
-    }
+    spans.iter().for_each(|span| *lengths.entry(span.between).or_default() += 1);
     lengths.into_iter().max_by_key(|(_, number)| *number).map_or(0, |(length, _)| length)
 }
 
@@ -266,17 +260,16 @@ fn ages(
     let mut known: Vec<Known> = minibatches.iter().map(|one| (one, firsts(one))).collect();
     too_early(&known[0], judgement);
     // Those of which all but a few steps are known.
-    known.retain(|(one, firsts)| firsts.len() * 10 >= one.size() * 9);
+    known.retain(|(one, firsts)| firsts.len() * 10 >= one.size * 9);
     let age = |one: &Sampled, first: usize| one.steps.saturating_sub(first);
     let ages = known.iter().flat_map(|(one, firsts)| firsts.iter().map(|&first| age(one, first)));
     let Some((oldest, (last, _))) = ages.max().zip(known.last()) else { return };
-    let (steps, size) = (last.steps, last.size());
-    let late: Vec<_> =
-        known.iter().filter(|(one, _)| one.steps >= 8 * one.size() && one.size() > 1).collect();
+    let (steps, size) = (last.steps, last.size);
+    let late: Vec<_> = known.iter().filter(|(one, _)| one.steps >= 8 * one.size && one.size > 1).collect();
     let span = trace.header.environments.max(1) * 2;
     let is_newest = |(one, firsts): &&&Known| {
         let distinct: BTreeSet<_> = firsts.iter().collect();
-        distinct.len() == firsts.len() && firsts.iter().all(|&first| age(one, first) <= one.size() + span)
+        distinct.len() == firsts.len() && firsts.iter().all(|&first| age(one, first) <= one.size + span)
     };
     let newest = late.iter().filter(is_newest).count();
     let half: Vec<_> = known.iter().filter(|(one, _)| 2 * one.steps > steps).collect();
@@ -305,9 +298,9 @@ fn ages(
 /// More rows in the first minibatch than there are steps.
 fn too_early((one, firsts): &Known, judgement: &mut Judgement) {
     let distinct: BTreeSet<_> = firsts.iter().collect();
-    if firsts.len() == one.size() && one.steps < one.size() && distinct.len() < one.size() {
+    if firsts.len() == one.size && one.steps < one.size && distinct.len() < one.size {
         let steps = counted(one.steps, "step");
-        let numbers = format!("the first minibatch has {} rows after {steps}", one.size());
+        let numbers = format!("the first minibatch has {} rows after {steps}", one.size);
         judgement.name("learns_before_a_batch_is_there", numbers);
     }
 }

@@ -74,8 +74,7 @@ pub fn judge(bytes: &[u8], progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> R
             .doubt(format!("the recorder was not closed: what came after step {steps} is not in the file"));
     }
     let episodes = ends::judge(&trace, &mut judgement);
-    let rows = rows::origins(&trace);
-    memory::judge(&trace, &rows, &episodes, &mut judgement);
+    memory::judge(&trace, &rows::origins(&trace), &episodes, &mut judgement);
     exploration::judge(&trace, &episodes, &mut judgement);
     target::judge(&trace, &mut judgement);
     updates::judge(&trace, &episodes, &mut judgement);

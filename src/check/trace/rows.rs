@@ -45,8 +45,7 @@ impl Index {
     /// The steps with this observation, among the first `until`, the latest first.
     fn find(&self, observation: &[f32], until: usize) -> impl Iterator<Item = usize> {
         let latest = self.latest.get(&bits(observation)).copied();
-        let all = std::iter::successors(latest, |row| self.before[*row]);
-        all.filter(move |row| *row < until).take(MAX_SAME)
+        std::iter::successors(latest, |row| self.before[*row]).filter(move |row| *row < until).take(MAX_SAME)
     }
 }
 

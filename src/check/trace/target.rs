@@ -51,8 +51,7 @@ pub(super) fn judge(trace: &Trace, judgement: &mut Judgement) {
 
 /// Whether the target network is the online network before or after an update.
 fn is_copy(updates: &Updates, update: usize) -> bool {
-    let online = &updates.online[update.saturating_sub(1)..=update];
-    online.contains(&updates.target[update])
+    updates.online[update.saturating_sub(1)..=update].contains(&updates.target[update])
 }
 
 /// τ of Δθ⁻ = τ (θ − θ⁻), where θ is the online network before or after the update; none where neither fits.

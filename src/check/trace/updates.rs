@@ -45,8 +45,7 @@ pub(super) fn judge(trace: &Trace, episodes: &Episodes, judgement: &mut Judgemen
         counted(first, "step")
     ));
     if all >= ENOUGH && updates.online.iter().all(|checksums| *checksums == updates.online[0]) {
-        let numbers = format!("its checksums are the same at all of {all} updates");
-        judgement.name("online_never_changes", numbers);
+        judgement.name("online_never_changes", format!("its checksums are the same at all of {all} updates"));
     }
     at_ends_only(trace, judgement);
     while_evaluating(trace, episodes, judgement);
@@ -261,7 +260,7 @@ fn as_told(whole: &Whole, activations: LayerKinds) -> Vec<Update> {
     let has_optimizer =
         told.has("learning_rate") && whole.update(told.settings, before).as_ref().is_some_and(remembers);
     let is_kept =
-        |name: &str| has_optimizer || !(name.starts_with("adam.") || name.starts_with("result.online."));
+        |name: &str| has_optimizer || !["adam.", "result.online."].iter().any(|of| name.starts_with(of));
     let losses = if told.has("loss") { vec![told.settings.loss] } else { vec![Loss::Mse, Loss::Huber] };
     let doubles = if told.has("double") { vec![told.settings.double] } else { vec![false, true] };
     let gammas = if told.has("gamma") { vec![told.settings.gamma] } else { GAMMAS.to_vec() };
@@ -304,8 +303,7 @@ fn equal_in_targets_and_loss(update: &Update, activations: LayerKinds) -> bool {
     let targets = reference.targets(&right);
     let loss = reference.loss(&right, &targets);
     let results = &update.results;
-    let are_theirs =
-        |all: &Vec<f64>| targets.values.iter().zip(all).all(|(ours, theirs)| agrees(ours, *theirs));
+    let are_theirs = |all: &Vec<f64>| targets.values.iter().zip(all).all(|(ours, y)| agrees(ours, *y));
     results.targets.as_ref().is_none_or(are_theirs)
         && results.loss.is_none_or(|theirs| agrees(&loss.value, theirs))
 }
@@ -354,8 +352,7 @@ fn explain(whole: &Whole, verdict: &Verdict, judgement: &mut Judgement) {
 /// Whether nobody has said that it should be otherwise.
 fn is_choice(explained: &Explained, told: &Told) -> bool {
     let (id, quantity) = (explained.mistake.id, explained.mistake.stage);
-    let is_activation = id.starts_with("hidden_") && id != "hidden_linear";
-    is_activation
+    id.starts_with("hidden_") && id != "hidden_linear"
         || (id.contains("clipped") && !told.has("max_gradient_norm") && !told.has("clip_value"))
         || (id.contains("discount") && !told.has("gamma"))
         || (id.starts_with("double") && !told.has("double"))
