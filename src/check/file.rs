@@ -332,14 +332,10 @@ impl Remaining<'_> {
         let batch = self.batch(batch_size, inputs, outputs, settings.gamma)?;
         let adam = self.moments(&sizes, moments, &settings)?;
         let q = self.result("result.q", &[batch_size, outputs])?;
-        let results = Results {
-            q: q.map(|q| DMatrix::from_row_slice(batch_size, outputs, &q)),
-            targets: self.targets(batch_size)?,
-            loss: self.result("result.loss", &[])?.map(|loss| loss[0]),
-            gradients,
-            online: after,
-            target: target_after,
-        };
+        let q = q.map(|q| DMatrix::from_row_slice(batch_size, outputs, &q));
+        let targets = self.targets(batch_size)?;
+        let loss = self.result("result.loss", &[])?.map(|loss| loss[0]);
+        let results = Results { q, targets, loss, gradients, online: after, target: target_after };
         if results == Results::default() {
             return Err(NO_RESULT.into());
         }

@@ -1,6 +1,5 @@
-//! Everything that `check` can name. docs/mistakes.md has the texts: one more mistake is a row of that page. A mistake that changes
-//! the numbers of an update is an entry in [`CHANGES`] too, and where no field of [`Variant`] can say it, a branch beside the
-//! equation in reference.rs.
+//! Everything that `check` can name. docs/mistakes.md has the texts: one more mistake is a row of that page. One that changes
+//! an update is an entry in [`CHANGES`] too, and where no field of [`Variant`] says it, a branch in reference.rs.
 
 use std::sync::LazyLock;
 

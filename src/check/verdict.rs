@@ -681,14 +681,10 @@ impl Judged {
         let scale = ours.iter().map(|ours| ours.value.abs()).fold(0.0, f64::max);
         let relative = if difference == 0.0 { 0.0 } else { difference / scale };
         let agreeing = pairs().filter(|(ours, theirs)| agrees(ours, **theirs)).count();
-        Self {
-            name,
-            state,
-            largest_relative_difference: (state != QuantityState::Absent).then_some(relative),
-            // Of another shape all of them differ.
-            differing: theirs.len() - if ours.len() == theirs.len() { agreeing } else { 0 },
-            numbers: theirs.len(),
-            common: None,
-        }
+        let largest_relative_difference = (state != QuantityState::Absent).then_some(relative);
+        let numbers = theirs.len();
+        // Of another shape all of them differ.
+        let differing = numbers - if ours.len() == numbers { agreeing } else { 0 };
+        Self { name, state, largest_relative_difference, differing, numbers, common: None }
     }
 }

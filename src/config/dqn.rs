@@ -98,12 +98,9 @@ impl AgentRules for DqnConfig {
         let parameters: usize = sizes.windows(2).map(|pair| (pair[0] + 1) * pair[1]).sum();
         let units: usize = sizes.iter().sum();
         let transition = 4 * observation_size as u64 + 8;
-        AgentMemory {
-            replay: transition * self.replay.capacity as u64,
-            transition,
-            learned: 32 * parameters as u64,
-            batch: 16 * (self.replay.batch_size * units) as u64,
-        }
+        let (replay, learned) = (transition * self.replay.capacity as u64, 32 * parameters as u64);
+        let batch = 16 * (self.replay.batch_size * units) as u64;
+        AgentMemory { replay, transition, learned, batch }
     }
 
     fn sizes(&self) -> String {

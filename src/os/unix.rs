@@ -164,8 +164,7 @@ pub(crate) mod programs {
     use rustix::io::Errno;
     use rustix::process::{Pid, Signal, kill_process_group};
 
-    /// A shell that waits for the end of its standard input, which is our end, and then ends the process group `$1`. The
-    /// program has two seconds to end by itself.
+    /// A shell that waits for the end of its input, which is our end, and two seconds later ends the process group `$1`.
     const GUARD: &str = r#"read -r _; sleep 2; kill -s KILL -- "-$1""#;
 
     pub(crate) fn start(command: &mut Command) -> io::Result<Child> {

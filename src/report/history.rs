@@ -83,14 +83,10 @@ pub fn losses(evaluations: &[Evaluation], task: &Spec) -> Vec<LostSolution> {
     let loss = |(i, pair): (usize, &[Evaluation])| {
         let rest = &evaluations[i + 1..];
         let (lost, later) = rest.split_at(rest.iter().position(solves).unwrap_or(rest.len()));
-        let lowest = lost.iter().copied().min_by(|a, b| a.mean.total_cmp(&b.mean));
-        LostSolution {
-            before: pair[0],
-            after: pair[1],
-            lowest: lowest.unwrap_or(pair[1]),
-            collapse: lost.iter().find(|evaluation| evaluation.mean < half_way).copied(),
-            recovered: later.first().copied(),
-        }
+        let (before, after, recovered) = (pair[0], pair[1], later.first().copied());
+        let lowest = lost.iter().copied().min_by(|a, b| a.mean.total_cmp(&b.mean)).unwrap_or(after);
+        let collapse = lost.iter().find(|evaluation| evaluation.mean < half_way).copied();
+        LostSolution { before, after, lowest, collapse, recovered }
     };
     starts.map(loss).collect()
 }

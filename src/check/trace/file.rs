@@ -214,15 +214,8 @@ impl Trace {
             // What the optimiser says of itself comes first: the user's word is the last.
             Told::new(&[own, settings]).unwrap_or_else(|_| told.clone())
         });
-        let trace = Self {
-            header,
-            told,
-            steps: columns.steps()?,
-            updates: columns.updates()?,
-            batches: columns.batches()?,
-            whole,
-            cut,
-        };
+        let (steps, updates, batches) = (columns.steps()?, columns.updates()?, columns.batches()?);
+        let trace = Self { header, told, steps, updates, batches, whole, cut };
         let (steps, updates) = (trace.steps.action.len(), trace.updates.step.len());
         let is_in = |step: &usize| *step <= steps || steps == 0;
         if !trace.updates.step.iter().all(is_in) || !trace.updates.step.is_sorted() {
