@@ -329,14 +329,11 @@ impl Replay {
             let Some(next_observation) = following.and_then(|following| following.get(..size)) else {
                 return false;
             };
-            self.push(Transition {
-                observation: &observations[age * size..][..size],
-                action: usize::from(actions[age]),
-                reward: rewards[age],
-                next_observation,
-                terminated: ends[age] == EpisodeEnd::Terminated as u8,
-                truncated: ends[age] == EpisodeEnd::Truncated as u8,
-            });
+            let (observation, action) = (&observations[age * size..][..size], usize::from(actions[age]));
+            let [terminated, truncated] =
+                [EpisodeEnd::Terminated, EpisodeEnd::Truncated].map(|end| ends[age] == end as u8);
+            let reward = rewards[age];
+            self.push(Transition { observation, action, reward, next_observation, terminated, truncated });
         }
         nexts.next().is_none() && nexts.remainder().is_empty()
     }

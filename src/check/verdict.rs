@@ -123,15 +123,9 @@ pub fn check(update: &Update) -> Verdict {
 
 /// As [`check`], and tells `progress` how many of the candidates for a quantity have been tried, and how many there are.
 pub(crate) fn check_with(update: &Update, progress: &(dyn Fn(Stage, usize, usize) + Sync)) -> Verdict {
-    let search = Search {
-        update,
-        reference: Reference::new(update),
-        right: Variant::right(update),
-        raw_gradients: Mutex::new(Vec::new()),
-        work: AtomicU64::new(0),
-        untried: Mutex::default(),
-        progress,
-    };
+    let (reference, right) = (Reference::new(update), Variant::right(update));
+    let (raw_gradients, work, untried) = (Mutex::default(), AtomicU64::new(0), Mutex::default());
+    let search = Search { update, reference, right, raw_gradients, work, untried, progress };
     let right = |variant| Hypothesis {
         variant,
         mistakes: Vec::new(),

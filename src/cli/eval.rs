@@ -164,25 +164,17 @@ pub(super) fn run(arguments: EvalArguments) -> Result<(), Failure> {
 
 impl Origin {
     fn new(found: &LocatedPolicy, policy: &crate::run::SavedPolicy) -> Self {
-        let played = Self {
-            kind: "other",
-            file: Some(found.file.to_string_lossy().into_owned()),
-            weights_sha256: Some(policy.policy.sha256()),
-            ..Self::default()
-        };
+        let file = Some(found.file.to_string_lossy().into_owned());
+        let weights_sha256 = Some(policy.policy.sha256());
+        let played = Self { kind: "other", file, weights_sha256, ..Self::default() };
         let Some(header) = &policy.header else { return played };
         let (kind, env_steps) = (if header.progress.is_some() { "last" } else { "best" }, header.env_steps);
         // A checkpoint does not know of an evaluation that only the end of the run brought.
         let end = crate::run::final_evaluation(&found.file);
         let at_end =
             end.as_ref().map(|(end, _)| *end).filter(|end| kind == "last" && end.env_steps == env_steps);
-        Self {
-            kind,
-            env_steps: Some(env_steps),
-            evaluation: at_end.or(header.evaluation),
-            end: end.filter(|(end, _)| end.env_steps != env_steps),
-            ..played
-        }
+        let end = end.filter(|(end, _)| end.env_steps != env_steps);
+        Self { kind, env_steps: Some(env_steps), evaluation: at_end.or(header.evaluation), end, ..played }
     }
 
     fn describe(&self) -> String {

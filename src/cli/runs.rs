@@ -76,12 +76,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 impl ListedRun {
     fn read(path: &Path) -> Self {
-        let mut run = Self {
-            path: path.to_string_lossy().into_owned(),
-            state: "damaged",
-            written: written_at(path).and_then(iso),
-            ..Self::default()
-        };
+        let (name, written) = (path.to_string_lossy().into_owned(), written_at(path).and_then(iso));
+        let mut run = Self { path: name, state: "damaged", written, ..Self::default() };
         run.problem = run.read_files(path).err();
         run
     }

@@ -235,11 +235,8 @@ fn budget(budget: Budget) -> String {
 
 /// Two texts in a line, or in two where one would not fit into a terminal of 80 columns.
 fn fitting(label: &str, value: &str) -> String {
-    if label.chars().count() + value.chars().count() < 80 {
-        format!("{label} {value}")
-    } else {
-        format!("{}\n  {value}", label.trim_end())
-    }
+    let fits = label.chars().count() + value.chars().count() < 80;
+    if fits { format!("{label} {value}") } else { format!("{}\n  {value}", label.trim_end()) }
 }
 
 fn describe(record: &RunRecord, trainer: &Trainer, run: &RunDir, allowance: &str) -> String {

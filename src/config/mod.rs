@@ -278,12 +278,11 @@ impl Config {
     }
 
     pub fn trainer(&self) -> TrainerConfig {
+        // Where the task is not known, the run cannot be made.
+        let own_limit = || self.environment.spec().map_or(1, |task| task.max_steps);
         TrainerConfig {
             seed: self.seed,
-            max_episode_steps: self.max_episode_steps.unwrap_or_else(|| {
-                // Where the task is not known, the run cannot be made.
-                self.environment.spec().map_or(1, |task| task.max_steps)
-            }),
+            max_episode_steps: self.max_episode_steps.unwrap_or_else(own_limit),
             budget: self.budget,
             evaluation: self.evaluation.clone(),
             checkpoint: self.checkpoint.clone(),

@@ -56,13 +56,10 @@ pub fn retention(evaluations: &[Evaluation], task: &Spec) -> Option<Retention> {
     let after = &evaluations[first + 1..];
     let losses = losses(evaluations, task);
     let collapses = losses.iter().filter(|loss| loss.collapse.is_some()).count();
-    Some(Retention {
-        evaluations: after.len(),
-        solved: after.iter().filter(|evaluation| solves(evaluation)).count(),
-        worst: after.iter().min_by(|a, b| a.mean.total_cmp(&b.mean)).copied(),
-        collapses,
-        dips: losses.len() - collapses,
-    })
+    let (evaluations, dips) = (after.len(), losses.len() - collapses);
+    let solved = after.iter().filter(|evaluation| solves(evaluation)).count();
+    let worst = after.iter().min_by(|a, b| a.mean.total_cmp(&b.mean)).copied();
+    Some(Retention { evaluations, solved, worst, collapses, dips })
 }
 
 /// The middle between the mean return that solves a task and that of the random policy; none if nothing solves the task. Where

@@ -25,10 +25,9 @@ struct Sampled {
 fn minibatches(trace: &Trace) -> Vec<Sampled> {
     let updates = &trace.batches.update;
     let rows = (0..updates.len()).collect::<Vec<_>>();
-    let minibatch = |rows: &[usize]| Sampled {
-        rows: rows[0]..rows[0] + rows.len(),
-        size: rows.len(),
-        steps: trace.updates.step.get(updates[rows[0]]).copied().unwrap_or(0),
+    let minibatch = |rows: &[usize]| {
+        let steps = trace.updates.step.get(updates[rows[0]]).copied().unwrap_or(0);
+        Sampled { rows: rows[0]..rows[0] + rows.len(), size: rows.len(), steps }
     };
     rows.chunk_by(|a, b| updates[*a] == updates[*b]).map(minibatch).collect()
 }

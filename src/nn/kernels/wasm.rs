@@ -44,8 +44,7 @@ impl Simd128 {
         Self(round(first), round(last))
     }
 
-    /// Whether a sum may be halfway between two f32: its last 29 bits are 1000…, or it is a subnormal f32, whose last place
-    /// is another one.
+    /// Whether a sum may be halfway between two f32: its last 29 bits are 1000…, or it is subnormal as an f32.
     #[inline(always)]
     fn any_halfway(first: v128, last: v128) -> bool {
         const HALFWAY: i32 = i32::MIN; // the last 29 bits, shifted to the left
