@@ -2,7 +2,7 @@
 
 use std::io;
 
-/// Fails where the memory does not suffice for these parts together: a later allocation that fails would end the process.
+/// Fails where the memory does not suffice for parts of so many bytes together. An allocation that fails ends the process.
 pub fn check_memory(parts: impl IntoIterator<Item = u64>) -> io::Result<()> {
     let mut reserved = Vec::new();
     for part in parts {

@@ -3,7 +3,7 @@
 use crate::rng::Rng;
 use crate::tensors::{TensorError, Tensors};
 
-/// The schedule of ε, the probability of a random action. It counts absolute steps or episodes, whatever the budget.
+/// The schedule of ε, the probability of a random action, in steps or episodes from the start of the run, whatever the budget.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "schedule", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Exploration {

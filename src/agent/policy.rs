@@ -103,7 +103,8 @@ impl Greedy {
         }
     }
 
-    /// The same policy, trained on rewards times `reward_scale`: only the Q-values shown are divided by it, no action changes.
+    /// The same policy of an agent that was trained on rewards times `reward_scale`. It changes no action: only the
+    /// Q-values that are shown are divided by the scale, not the weights, whose rounding could decide between two actions.
     #[must_use]
     pub(crate) fn with_reward_scale(self, reward_scale: f64) -> Self {
         Self { reward_scale, ..self }

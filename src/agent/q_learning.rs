@@ -81,7 +81,8 @@ pub struct QLearning {
 }
 
 impl QLearning {
-    /// An agent that knows nothing yet, its stream spawned from `seed`. `mirror` is the task's, for `table.mirror`.
+    /// An agent that knows nothing yet, its stream spawned from `seed`. With `table.mirror` it also learns from the image of
+    /// every transition in `mirror`, the mirror image of the task.
     pub fn new(config: QTableConfig, num_actions: usize, mirror: Option<&Mirror>, seed: u64) -> Self {
         Self {
             mirror: mirror.filter(|_| config.table.mirror).cloned(),

@@ -42,7 +42,7 @@ pub(super) fn forward(
     Pass { inputs: all_inputs, outputs: all_outputs, q: x, activations }
 }
 
-/// Adds the gradient by the parameters of the layers from `first` on, in their order; `dy` is the one by the output.
+/// Adds to `gradient` that by the parameters of the layers from `first` on, in their order; `dy` is that by the output.
 pub(super) fn backward(
     network: &Mlp<f64>, pass: &Pass, mut dy: Matrix, unit: f64, first: usize, gradient: &mut [Number],
 ) {

@@ -162,7 +162,8 @@ impl Config {
         config
     }
 
-    /// Merges the defaults, a file (its name for messages, its text) and one layer of `--set`'s `key.path=value`s, JSON or text.
+    /// Merges the defaults, a file (its name for messages, and its text) and the `key.path=value`s of `--set`, which
+    /// together are one layer. A value is JSON if it parses as JSON, or else a string.
     pub fn from_layers(file: Option<(&str, &str)>, sets: &[String]) -> Result<Self, ConfigError> {
         Self::variation(file, sets, &[])
     }

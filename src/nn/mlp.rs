@@ -14,7 +14,8 @@ pub struct Mlp<T> {
     parameters: Vec<T>,
 }
 
-/// The outputs of every layer for one batch, the input first, each (batch, features), and the loss's gradient by them.
+/// The outputs of every layer for one batch, the input first, each (batch, features); and, after a backward
+/// pass, the loss's gradient by them.
 #[derive(Clone, Debug)]
 pub struct Activations<T> {
     layers: Vec<DMatrix<T>>,

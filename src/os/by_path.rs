@@ -1,4 +1,5 @@
-//! Directories where nothing can be reached relative to an open one: a link is looked for before each call, not during it.
+//! Directories of systems where nothing can be reached relative to an open one: what is on the way is looked at before each
+//! call. A link that appears between the two is followed.
 
 use std::fs::{self, File, OpenOptions};
 use std::io;

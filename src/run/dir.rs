@@ -47,9 +47,10 @@ impl RunDir {
     /// What `train` makes in the directory of every run.
     pub(crate) const PARTS: [&str; 4] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS];
 
-    /// Makes the directory of a new run, with its config and the file for its metrics; nothing of it stays on an error. With
-    /// `force` a run that is there is replaced, if nothing else is. Nothing is changed before the metrics are locked. `name` is
-    /// what the config is called, `init` the file of the first weights, where they are not drawn.
+    /// Makes the directory of a new run, with its config and the file for its metrics; nothing of it stays on an error.
+    /// A directory with anything in it is refused, unless `force` is set and there is nothing in it but a run, which is
+    /// then removed. Nothing is changed before the metrics are locked: another process may train in the directory.
+    /// `name` is what the config is called, and `init` the file of the weights that the run starts with, where they are not drawn.
     pub fn create(
         path: &Path, force: bool, name: &str, config: &Config, init: Option<&Checkpoint>,
     ) -> Result<(Self, JsonLines), RunError> {

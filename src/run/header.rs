@@ -28,7 +28,7 @@ fn config_with_defaults<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Co
     Config::from_layers(Some(("config", &text)), &[]).map_err(D::Error::custom)
 }
 
-/// A config without what says when the run ends: an extended run leaves the bytes of one that had the larger budget at once.
+/// A config without what says when the run ends: an extended run leaves the bytes of one with the larger budget from the start.
 pub(crate) fn config_of_checkpoint(config: &Config) -> Value {
     let mut value = json!(config);
     for key in ["budget", "stop_when_lasting_steps"] {

@@ -292,8 +292,9 @@ fn latest(run: &RunDir, config: &Config, notes: &mut Vec<String>) -> Result<(Tra
     }
 }
 
-/// The run of a checkpoint, with another budget and other schedules if the config has others: from here on it is a branch.
-/// The checkpoint says with which it was trained: a process that was killed may have written the config of the branch.
+/// The run that a checkpoint was taken of, with another budget and other schedules if the config has others. With other
+/// schedules it is a branch from here on. The checkpoint says which schedules it was trained with: the run's config may already
+/// be that of a process that was killed before it could write a checkpoint of the branch.
 pub fn load(path: &Path, config: &Config) -> Result<Trainer, CheckpointError> {
     let load = || {
         let checkpoint = Checkpoint::read_unnamed(path)?;

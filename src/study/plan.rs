@@ -84,7 +84,7 @@ impl Study {
         Self { format_version: FORMAT_VERSION, version, configs, seeds, lasting }
     }
 
-    /// Every trial of a part as (index of its config, seed). Configs take turns, so that an unfinished study compares them.
+    /// Every trial of a part as (index of its config, seed). Configs take turns, so that an unfinished study has the same seeds of all.
     pub fn trials(&self, shard: Shard) -> impl Iterator<Item = (usize, u64)> {
         let all = self.seeds.clone().flat_map(|seed| (0..self.configs.len()).map(move |i| (i, seed)));
         all.skip(shard.index).step_by(shard.count)

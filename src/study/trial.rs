@@ -23,7 +23,8 @@ pub(crate) const SCORE_EPISODES: u64 = 100;
 /// Steps that a policy must last where the study asks: 400 s, in which a cart that drifts has left the track.
 pub(crate) const LASTING_STEPS: u32 = 20_000;
 
-/// A trial's line, which follows from config and seed alone. Readers need a part of the summary, and have a type `S` for it.
+/// The line of a trial, which follows from its config and seed alone: equal trials are equal lines. Readers need only a part of
+/// the summary and have another type `S` for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial<S = Value> {
     pub config: String,

@@ -47,7 +47,8 @@ enum Message {
 }
 
 impl Live {
-    /// Opens the view of a run after `env_steps`. A quit stops the run after its step; a second one calls `end_process`.
+    /// Opens the view of a run that has done so many steps. The first quit stops the run after its current step; a second one
+    /// restores the terminal and calls `end_process`.
     pub fn open(
         name: &str, environment: Box<dyn crate::env::Environment>, budget: Budget, env_steps: u64,
         pace: Pace, interrupts: &Interrupts, end_process: impl FnOnce() + Send + 'static,

@@ -63,7 +63,8 @@ impl InstructionSet {
         *CURRENT.get_or_init(|| Self::from_environment().unwrap_or(Self::available()[0]))
     }
 
-    /// The instruction set that [`Self::VARIABLE`] names (`scalar`, `avx2`, `avx512` or `neon`), or else the fastest.
+    /// The instruction set that [`Self::VARIABLE`] names (`scalar`, `avx2`, `avx512` or `neon`), or the fastest if the variable
+    /// is not set.
     pub(crate) fn from_environment() -> Result<Self, UnknownInstructionSet> {
         let available = Self::available();
         let Some(asked) = std::env::var_os(Self::VARIABLE) else { return Ok(available[0]) };

@@ -16,7 +16,8 @@ pub(super) unsafe trait Vector: Copy {
 
     /// How many f32 a vector holds.
     const LANES: usize;
-    /// How many registers a product's tile may take: one fewer than the CPU has, because compilers would spill to memory.
+    /// How many registers the tile of a product may take. One register of the CPU stays free, because compilers spill
+    /// registers to memory without it.
     const REGISTERS: usize;
 
     /// `value` in every lane.
