@@ -1,4 +1,4 @@
-//! The environment of a config, a name or a program, which only [`EnvironmentConfig::allow`] lets start: nobody's file does.
+//! The environment of a config: a name, or a program. No file starts a program, only [`EnvironmentConfig::allow`] does.
 
 use std::fmt;
 use std::sync::Arc;

@@ -97,12 +97,6 @@ impl CartPole {
         let terminated = x.abs() > Self::MAX_POSITION || theta.abs() > Self::MAX_ANGLE;
         (state, Outcome { reward: 1.0, terminated, truncated: false })
     }
-
-    /// Moves to a state and writes what the agent sees there.
-    fn enter(&mut self, state: [f64; 4], observation: &mut [f32]) {
-        self.state = state;
-        observation.copy_from_slice(&state.map(|coordinate| coordinate as f32));
-    }
 }
 
 /// Many carts, side by side in memory: a processor works on several at once.
@@ -110,30 +104,26 @@ struct Carts {
     max_steps: u32,
     elapsed_steps: u32,
     states: Vec<[f64; 4]>,
-    observations: Vec<f32>,
 }
 
 impl VectorEnvironment for Carts {
-    fn add(&mut self, start: Start<'_>) -> Answer<()> {
-        let state = CartPole::start(start);
-        self.states.push(state);
-        self.observations.extend(state.map(|coordinate| coordinate as f32));
+    fn add(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
+        self.states.push(CartPole::start(start));
+        observe(self.states[self.states.len() - 1], observation);
         Ok(())
     }
 
-    fn observations(&self) -> &[f32] {
-        &self.observations
-    }
-
-    fn step(&mut self, actions: &[usize], outcomes: &mut Vec<Outcome>) -> Answer<()> {
+    fn step(
+        &mut self, actions: &[usize], observations: &mut [f32], outcomes: &mut Vec<Outcome>,
+    ) -> Answer<()> {
         self.elapsed_steps += 1;
         let truncated = self.elapsed_steps >= self.max_steps;
-        let seen = self.observations.chunks_exact_mut(4);
+        let rows = self.states.iter_mut().zip(observations.chunks_exact_mut(4)).zip(actions);
         outcomes.clear();
-        outcomes.extend(self.states.iter_mut().zip(seen).zip(actions).map(|((state, seen), &action)| {
+        outcomes.extend(rows.map(|((state, observation), &action)| {
             let (after, outcome) = CartPole::after(*state, action);
             *state = after;
-            seen.copy_from_slice(&after.map(|coordinate| coordinate as f32));
+            observe(after, observation);
             Outcome { truncated, ..outcome }
         }));
         Ok(())
@@ -141,10 +131,12 @@ impl VectorEnvironment for Carts {
 
     fn swap_remove(&mut self, place: usize) {
         self.states.swap_remove(place);
-        let last = self.observations.len() - 4;
-        self.observations.copy_within(last.., 4 * place);
-        self.observations.truncate(last);
     }
+}
+
+/// What the agent sees of a state.
+fn observe(state: [f64; 4], observation: &mut [f32]) {
+    observation.copy_from_slice(&state.map(|coordinate| coordinate as f32));
 }
 
 /// The sine and the cosine of an angle in rad: the bits of `libm::sin` and `libm::cos`, in a third of their time. Up to π/4 they are two
@@ -183,13 +175,15 @@ impl Environment for CartPole {
     }
 
     fn reset(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
-        self.enter(Self::start(start), observation);
+        self.state = Self::start(start);
+        observe(self.state, observation);
         Ok(())
     }
 
     fn step(&mut self, action: usize, observation: &mut [f32]) -> Answer<Outcome> {
-        let (state, outcome) = Self::after(self.state, action);
-        self.enter(state, observation);
+        let outcome;
+        (self.state, outcome) = Self::after(self.state, action);
+        observe(self.state, observation);
         Ok(outcome)
     }
 
@@ -202,7 +196,7 @@ impl Environment for CartPole {
     }
 
     fn vector(&self, max_steps: u32) -> Option<Box<dyn VectorEnvironment>> {
-        Some(Box::new(Carts { max_steps, elapsed_steps: 0, states: Vec::new(), observations: Vec::new() }))
+        Some(Box::new(Carts { max_steps, elapsed_steps: 0, states: Vec::new() }))
     }
 
     /// The picture of Gymnasium's `cartpole.py`, with its numbers. Gymnasium cuts the corners to whole pixels.

@@ -226,14 +226,13 @@ pub trait Environment: Send {
 
 /// Environments that take their steps together (Gymnasium's `VectorEnv`), each with the bits that it has alone.
 pub trait VectorEnvironment {
-    /// Adds an environment at a start, before the first step.
-    fn add(&mut self, start: Start<'_>) -> Answer<()>;
+    /// Adds an environment at a start, before the first step, and writes its first observation.
+    fn add(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()>;
 
-    /// What the agents see, one observation after the other.
-    fn observations(&self) -> &[f32];
-
-    /// One time step of each environment, with its action. `outcomes` gets one for each.
-    fn step(&mut self, actions: &[usize], outcomes: &mut Vec<Outcome>) -> Answer<()>;
+    /// One time step of each environment, with its action, and its observation in a row. `outcomes` gets one for each.
+    fn step(
+        &mut self, actions: &[usize], observations: &mut [f32], outcomes: &mut Vec<Outcome>,
+    ) -> Answer<()>;
 
     /// Removes an environment. The last one takes its place.
     fn swap_remove(&mut self, place: usize);

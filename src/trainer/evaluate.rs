@@ -104,12 +104,12 @@ impl Play<'_> {
         let environment = (self.make)(self.max_steps)?;
         let Spec { observation_size, num_actions, max_steps: scored_steps, .. } = *environment.spec();
         let mut environments = environment.vector(self.max_steps).unwrap_or_else(|| {
-            let (first, environments, observations) = (Some(environment), Vec::new(), Vec::new());
-            Box::new(Separate { play: self, observation_size, first, environments, observations })
+            Box::new(Separate { play: self, first: Some(environment), environments: Vec::new() })
         });
-        let mut playing = Vec::new();
+        let (mut playing, mut observations) = (Vec::new(), Vec::new());
         for (index, seed) in seeds.enumerate() {
-            environments.add(Start::Seed(seed))?;
+            observations.resize((index + 1) * observation_size, 0.0);
+            environments.add(Start::Seed(seed), &mut observations[index * observation_size..])?;
             let is_disturbed = self.is_test && seed % 2 == 1;
             playing.push((index, is_disturbed.then(|| Rng::spawn(seed, Stream::Explore))));
         }
@@ -121,13 +121,14 @@ impl Play<'_> {
             if playing.len() <= greedy.batch() / 2 {
                 greedy = self.policy.greedy(playing.len());
             }
-            greedy.forward_batch(environments.observations().chunks_exact(observation_size));
+            greedy.forward_batch(observations.chunks_exact(observation_size));
             actions.clear();
             actions.extend(playing.iter_mut().enumerate().map(|(place, (_, rng))| {
                 let disturbing = rng.as_mut().and_then(|rng| (rng.unit() <= LASTING_EPSILON).then_some(rng));
                 disturbing.map_or_else(|| greedy.action(place), |rng| rng.below(num_actions as u64) as usize)
             }));
-            environments.step(&actions, &mut outcomes)?;
+            environments.step(&actions, &mut observations, &mut outcomes)?;
+            let mut is_over = false;
             // From the last one, so that the one that takes the place of an ended one has been counted.
             for place in (0..playing.len()).rev() {
                 let (outcome, episode) = (outcomes[place], &mut played[playing[place].0]);
@@ -135,12 +136,15 @@ impl Play<'_> {
                     episode.expected = greedy.q_value(place, actions[place]);
                 }
                 episode.count(outcome, u64::from(scored_steps), discount);
+                is_over |= self.ends_with(episode);
                 if outcome.ended() {
                     playing.swap_remove(place);
                     environments.swap_remove(place);
+                    observations.copy_within(playing.len() * observation_size.., place * observation_size);
+                    observations.truncate(playing.len() * observation_size);
                 }
             }
-            if played.iter().any(|episode| self.ends_with(episode)) {
+            if is_over {
                 break;
             }
             discount *= self.gamma;
@@ -152,41 +156,33 @@ impl Play<'_> {
 /// Environments that know no other way to take their steps than one after the other.
 struct Separate<'a> {
     play: &'a Play<'a>,
-    observation_size: usize,
     /// One that has been made and waits for its start.
     first: Option<Box<dyn Environment>>,
     environments: Vec<Box<dyn Environment>>,
-    observations: Vec<f32>,
 }
 
 impl VectorEnvironment for Separate<'_> {
-    fn add(&mut self, start: Start<'_>) -> Answer<()> {
+    fn add(&mut self, start: Start<'_>, observation: &mut [f32]) -> Answer<()> {
         let mut environment = self.first.take().map_or_else(|| (self.play.make)(self.play.max_steps), Ok)?;
-        let before = self.observations.len();
-        self.observations.resize(before + self.observation_size, 0.0);
-        environment.reset(start, &mut self.observations[before..])?;
+        environment.reset(start, observation)?;
         self.environments.push(environment);
         Ok(())
     }
 
-    fn observations(&self) -> &[f32] {
-        &self.observations
-    }
-
-    fn step(&mut self, actions: &[usize], outcomes: &mut Vec<Outcome>) -> Answer<()> {
-        let seen = self.observations.chunks_exact_mut(self.observation_size);
+    fn step(
+        &mut self, actions: &[usize], observations: &mut [f32], outcomes: &mut Vec<Outcome>,
+    ) -> Answer<()> {
         outcomes.clear();
-        for ((environment, seen), &action) in self.environments.iter_mut().zip(seen).zip(actions) {
-            outcomes.push(environment.step(action, seen)?);
+        let size = observations.len() / self.environments.len();
+        let rows = self.environments.iter_mut().zip(observations.chunks_exact_mut(size)).zip(actions);
+        for ((environment, observation), &action) in rows {
+            outcomes.push(environment.step(action, observation)?);
         }
         Ok(())
     }
 
     fn swap_remove(&mut self, place: usize) {
         self.environments.swap_remove(place);
-        let last = self.observations.len() - self.observation_size;
-        self.observations.copy_within(last.., place * self.observation_size);
-        self.observations.truncate(last);
     }
 }
 
