@@ -47,8 +47,11 @@ ABLATION = {
     "divisors": {"observation_divisors": [2.4, 2.0, 0.2095, 2.0]},
     "64_64": {"network": WHOLE["network"] | {"hidden": [64, 64]}},
 }
-# Two parts at a time: mirror images with what the tutorial has for the scale of rewards.
-SQUARES = {"mirror_and_reward_scale": ["no_mirror", "no_reward_scale"]}
+# Two parts at a time.
+SQUARES = {
+    "mirror_and_reward_scale": ["no_mirror", "no_reward_scale"],
+    "n_step_and_soft_target": ["one_step", "hard_target"],
+}
 
 
 def run(*words):
